@@ -1,0 +1,47 @@
+"""stimlib: haptic stimuli composed from small pure blocks, compiled into a streaming processor.
+
+>>> import stimlib
+>>> x = stimlib.Input("x", "m")
+>>> stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * x})
+Scene(x [m] -> force [N])
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Block": "graph", "Input": "graph", "Param": "graph", "constant": "graph", "enabled": "graph",
+    "Scene": "scene", "load": "scene",
+    "compile": "processor", "Processor": "processor",
+    "render": "rendering", "Rendering": "rendering", "stream": "rendering",
+    "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
+    "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors",
+}  # fmt: skip
+_ROOMS = ("blocks", "scenes", "devices", "maths", "units", "graph")
+
+__all__ = [*_HOME, *_ROOMS]
+
+if TYPE_CHECKING:
+    from . import blocks, devices, graph, maths, scenes, units
+    from .errors import BadValue, FaultError, SceneError, SceneFileError, SinkError, StimlibError, UnitError, UnknownName
+    from .graph import Block, Input, Param, constant, enabled
+    from .processor import Processor, compile
+    from .rendering import Rendering, render, stream
+    from .scene import Scene, load
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    elif name in _ROOMS:
+        value = importlib.import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module 'stimlib' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

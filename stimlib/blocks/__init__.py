@@ -1,0 +1,17 @@
+"""What researchers compose: one lower-case function per block."""
+
+from ..graph import constant, enabled
+from .delay import delay
+from .fir import differentiator, fir
+from .gate import loading
+from .impedance import first_order, kelvin_voigt, spring, velocity
+from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
+from .modes import pink_noise, pinking
+from .noise import white_noise
+from .table import lut
+
+__all__ = [
+    "clip", "constant", "cos", "delay", "differentiator", "enabled", "exp", "fir", "first_order", "kelvin_voigt", "loading",
+    "log", "lut", "maximum", "minimum", "nonzero", "pink_noise", "pinking", "sin", "spring", "sqrt", "tanh", "velocity", "where",
+    "white_noise",
+]  # fmt: skip

@@ -1,0 +1,93 @@
+"""Delay by whole samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+from ..graph import Block, as_block
+
+ONE = np.uint64(1)
+
+
+class DelayParams(NamedTuple):
+    n: float
+
+
+class DelayState(NamedTuple):
+    line: np.ndarray
+    at: np.uint64
+
+
+@dataclass(frozen=True, eq=False)
+class Delay(Block):
+    """y[n] = x[n - samples]; 0 before."""
+
+    x: Block
+    samples: int | None
+    seconds: float | None
+
+    def check(self):
+        if (self.samples is None) == (self.seconds is None):
+            raise BadValue("delay: give either samples or seconds")
+        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 1):
+            raise BadValue(f"delay: samples = {self.samples!r} must be a whole number, at least 1")
+        if self.seconds is not None and not self.seconds > 0:
+            raise BadValue(f"delay: seconds = {self.seconds!r} must be above 0")
+
+    def design(self, fs):
+        n = self.samples if self.samples is not None else round(self.seconds * fs)
+        if n < 1:
+            raise BadValue(f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
+        return DelayParams(float(n)), DelayState(np.zeros(n), np.uint64(0))
+
+    @staticmethod
+    def step(p, s, x):
+        i = np.int64(s.at % np.uint64(s.line.size))
+        y = s.line[i]
+        s.line[i] = x
+        return y, DelayState(s.line, s.at + ONE)
+
+    @staticmethod
+    def transfer(p, z):
+        return z**-p.n
+
+    def delay(self, p):
+        return p.n
+
+    def memory(self, p):
+        return int(p.n)
+
+
+def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
+    """x, later by a whole number of samples; 0 before the first.
+
+    Parameters
+    ----------
+    x : Block
+    samples : int, optional
+        At least 1.
+    seconds : float, optional
+        Rounded to whole samples at compile time.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        Neither or both given; less than one sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import delay
+    >>> proc = stimlib.compile(stimlib.Scene({"y": delay(stimlib.Input("x"), samples=2)}), fs=1000)
+    >>> proc.process(np.array([[1.0, 2.0, 3.0]]))
+    array([[0., 0., 1.]])
+    """
+    return Delay(as_block(x), samples, seconds)

@@ -1,0 +1,196 @@
+"""Finite impulse responses: any taps, and the band-limited differentiator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import minimax
+from .. import units as un
+from ..errors import BadValue
+from ..graph import Block, positive
+from ..maths import copy
+from ..maths import fir as fir_sum
+from ..units import unit
+
+
+class FirParams(NamedTuple):
+    taps: np.ndarray  # oldest first, zeros in front up to a multiple of 8
+    order: float
+
+
+class FirState(NamedTuple):
+    line: np.ndarray  # the last taps.size - 1 inputs, oldest first
+
+
+class Fir(Block, abstract=True):
+    """y[n] = sum_k h[k] x[n-k]."""
+
+    @staticmethod
+    def work(p):
+        return p.taps.size + 63
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        h = s.line.size
+        copy(s.line, w)
+        copy(x, w[h : h + x.size])
+        fir_sum(p.taps, w[: h + x.size], y)
+        copy(w[x.size : x.size + h], s.line)
+        return s
+
+    @staticmethod
+    def transfer(p, z):
+        return np.polyval(p.taps, 1 / z)  # oldest first: highest power of 1/z first
+
+    def delay(self, p):
+        """Half the order for linear phase, else the centre of the taps' energy."""
+        h = p.taps[::-1][: int(p.order) + 1]
+        if np.array_equal(h, h[::-1]) or np.array_equal(h, -h[::-1]):
+            return p.order / 2
+        return float(np.sum(np.arange(h.size) * h**2) / np.sum(h**2))
+
+    def memory(self, p):
+        return int(p.order)
+
+
+def line(taps: np.ndarray) -> tuple[FirParams, FirState]:
+    """Parameters and rest state for taps h[0..order]."""
+    n = -(-taps.size // 8) * 8
+    return FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1)), FirState(np.zeros(n - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Taps(Fir):
+    """A FIR filter given by its taps."""
+
+    x: Block
+    taps: np.ndarray
+    gain_unit: str = ""
+
+    def check(self):
+        if np.ndim(self.taps) != 1 or np.size(self.taps) == 0 or not np.any(self.taps):
+            raise BadValue(f"fir: taps must be one row with at least one nonzero, got shape {np.shape(self.taps)}")
+
+    def units(self, *u):
+        return u[0] * unit(self.gain_unit)
+
+    def design(self, fs):
+        return line(self.taps)
+
+
+def fir(x: Block, taps, unit: str = "") -> Block:
+    """A filter with finite impulse response, y[n] = sum_k taps[k] x[n-k]; starts at rest.
+
+    Parameters
+    ----------
+    x : Block
+    taps : array_like, shape (order + 1,)
+    unit : str
+        Unit of the taps.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        No taps, all zero, or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import fir
+    >>> proc = stimlib.compile(stimlib.Scene({"y": fir(stimlib.Input("x"), [0.5, 0.5])}), fs=1000)
+    >>> proc.process(np.array([[1.0, 1.0, 3.0]]))
+    array([[0.5, 1. , 2. ]])
+    """
+    return Taps(x, taps, unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Differentiator(Fir):
+    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on; linear phase, delay order/2 samples."""
+
+    x: Block
+    passband: float | None = None
+    stopband: float | None = None
+    order: int | None = None
+    tol: float = 1e-6
+
+    def check(self):
+        positive(self, *(n for n in ("passband", "stopband", "order", "tol") if getattr(self, n) is not None))
+
+    def units(self, *u):
+        return u[0] * RATE
+
+    def design(self, fs):
+        passband, stopband = self.passband, self.stopband
+        if passband is None:
+            passband = 0.45 * fs
+        elif stopband is None:
+            stopband = 1.5 * passband
+        order = self.order
+        if order is None:
+            order = 2 * round(64 * fs / 8000)
+        if passband >= fs / 2 or (stopband is not None and stopband > fs / 2):
+            raise BadValue(
+                f"differentiator: pass band to {passband:g} Hz, stop band from {stopband or fs / 2:g} Hz does not fit below "
+                f"fs/2 = {fs / 2:g} Hz; give a smaller passband, such as {fs / 8:g}"
+            )
+        d = minimax.differentiator_taps(fs, passband, stopband, order)
+        if d.error > self.tol:
+            need = minimax.differentiator_order(fs, passband, stopband, self.tol)
+            raise BadValue(
+                f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of {d.error:.1e} up to {passband:g} Hz, "
+                f"above tol = {self.tol:g}; use order={need}, or tol={d.error:.1g}"
+            )
+        return line(d.taps)
+
+
+RATE = un.Unit((("second", -1.0),))
+
+
+def differentiator(
+    x: Block, passband: float | None = None, stopband: float | None = None, order: int | None = None, tol: float = 1e-6
+) -> Block:
+    """Band-limited FIR differentiator with linear phase (type III, near-minimax); starts at rest.
+
+    Parameters
+    ----------
+    x : Block
+    passband : float, optional
+        Upper edge of the pass band in Hz.  Default: 0.45 fs, without a stop band.
+    stopband : float, optional
+        Lower edge of the stop band in Hz.  Default: 1.5 passband where a passband is given.
+    order : int, optional
+        Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
+    tol : float
+        Largest relative error in the pass band; an order that cannot meet it is an error.
+
+    Returns
+    -------
+    Block
+        In the unit of x per second.
+
+    Raises
+    ------
+    BadValue
+        At compile time: bands that do not fit below fs/2; an order too low for tol (the message names the order needed).
+
+    References
+    ----------
+    Paper 000, section 1.1: "D(s) is band limited to limit gain and prevent aliasing ... a FIR filter of order 128".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import differentiator
+    >>> proc = stimlib.compile(stimlib.Scene({"v": differentiator(stimlib.Input("x"), passband=1000)}), fs=8000)
+    >>> abs(proc.response("v", "x", np.array([100.0])) / (2 * np.pi * 100)).round(5)
+    array([1.])
+    """
+    return Differentiator(x, passband, stopband, order, tol)

@@ -1,0 +1,179 @@
+"""Banks of first-order modes: recursive LTI filters in parallel form, and pink noise made with one.
+
+The parallel form with the leak e = 1 - pole stored on its own is exact to 1e-13 where multiplied-out sections lose 3-4
+digits, and every mode is independent of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import minimax
+from ..graph import Block, positive
+from ..maths import modes
+from .noise import White, noise_key, normals
+
+
+class ModesParams(NamedTuple):
+    e: np.ndarray  # leaks, 1 - pole; padded with ones to a multiple of 8
+    r: np.ndarray  # residues; padded with zeros
+    d: float  # direct
+
+
+class ModesState(NamedTuple):
+    q: np.ndarray
+
+
+class Modes(Block, abstract=True):
+    """q_k += x - e_k q_k;  y = d x + sum_k r_k q_k."""
+
+    @staticmethod
+    def work(p):
+        return 512
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        modes(p.e, p.r, s.q, p.d, x, y, w)
+        return s
+
+    @staticmethod
+    def transfer(p, z):
+        zi = 1 / z[..., None]
+        return p.d + np.sum(p.r / (1 - (1 - p.e) * zi), axis=-1)
+
+
+def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:
+    """Parameters and rest state of a bank, padded to whole groups of eight."""
+    n = -(-e.size // 8) * 8
+    return ModesParams(_pad(e, n, 1.0), _pad(r, n, 0.0), float(d)), ModesState(np.zeros(n))
+
+
+def _pad(a, n, v):
+    return np.concatenate([a, np.full(n - a.size, v)])
+
+
+@dataclass(frozen=True, eq=False)
+class Pinking(Modes):
+    """|H(f)|^2 = fs / (2 pi f) from f_low to 0.45 fs, within tol_db."""
+
+    x: Block
+    f_low: float
+    tol_db: float
+
+    def check(self):
+        positive(self, "f_low", "tol_db")
+
+    def design(self, fs):
+        m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        return bank(m.e, m.r, m.d)
+
+
+def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
+    """The 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; linear, starts at rest.
+
+    Parameters
+    ----------
+    x : Block
+    f_low : float
+        Lower edge of the band in Hz; the upper edge is 0.45 fs.
+    tol_db : float
+        Largest deviation inside the band, in dB; it sets the number of sections.
+
+    Returns
+    -------
+    Block
+        In the unit of x.
+
+    Raises
+    ------
+    BadValue
+        f_low or tol_db not above 0; at compile time, a band or a tolerance that cannot be met.
+
+    References
+    ----------
+    Paper 000, section 1.1: "a 3 dB/octave lowpass filter H(s)".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import pinking
+    >>> proc = stimlib.compile(stimlib.Scene({"p": pinking(stimlib.Input("n"))}), fs=8000)
+    >>> h = abs(proc.response("p", "n", np.array([10.0, 20.0])))
+    >>> (20 * np.log10(h[0] / h[1])).round(1)
+    np.float64(3.0)
+    """
+    return Pinking(x, f_low, tol_db)
+
+
+@dataclass(frozen=True, eq=False)
+class PinkNoise(Modes):
+    """White noise through the 3 dB/oct filter, started in its stationary state: S(f) = psd_1hz / f."""
+
+    white: Block
+    psd_1hz: float
+    f_low: float
+    tol_db: float
+
+    def check(self):
+        positive(self, "psd_1hz", "f_low", "tol_db")
+
+    def design(self, fs):
+        m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
+        return bank(m.e, gain * m.r, gain * m.d)
+
+    def start(self, p, s, seed):
+        """q ~ N(0, P), P_ij = 1/(e_i + e_j - e_i e_j), drawn under a key of its own."""
+        assert isinstance(self.white, White)
+        e = p.e[p.r != 0]
+        g = normals(noise_key(seed, *self.white.noise_key, 1), e.size)
+        L = minimax.cholesky(minimax.stationary_covariance(e))
+        q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
+        return ModesState(_pad(q, s.q.size, 0.0))
+
+
+def pink_noise(
+    psd_1hz: float, seed: int, stream: int = 0, f_low: float = 1.0, tol_db: float = 0.01, shared: bool = False
+) -> Block:
+    """Pink noise with one-sided PSD S(f) = psd_1hz / f units^2/Hz, stationary from the first sample on.
+
+    Parameters
+    ----------
+    psd_1hz : float
+        S at 1 Hz, in units^2/Hz.
+    seed, stream : int
+        Key of its white noise.
+    f_low : float
+        Lower edge in Hz; the spectrum is flat below.  The upper edge is 0.45 fs.
+    tol_db : float
+        Largest deviation inside the band in dB.
+    shared : bool
+        See ``white_noise``.
+
+    Returns
+    -------
+    Block
+        Without unit.
+
+    Raises
+    ------
+    BadValue
+        psd_1hz, f_low or tol_db not above 0; at compile time, a band or a tolerance that cannot be met.
+
+    References
+    ----------
+    Paper 000, section 1.1: p(s) = H(s) n(s), S(f) ~ 1/f.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import pink_noise
+    >>> proc = stimlib.compile(stimlib.Scene({"p": pink_noise(psd_1hz=1.0, seed=3)}), fs=8000)
+    >>> proc.process(np.empty((0, 4))).shape
+    (1, 4)
+    """
+    return PinkNoise(White(seed, stream, shared), psd_1hz, f_low, tol_db)

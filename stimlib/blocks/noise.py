@@ -1,0 +1,181 @@
+"""White noise as a function of (key, sample index): Philox4x32-10 and Box-Muller.
+
+Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (counter-based generators and
+known-answer vectors); Box and Muller 1958.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+from ..graph import Block
+from ..lower import lead
+from ..maths import as_float, bits, copy, fma, sqrt, unbits, where, words
+
+U = np.uint64
+KEY_STEP_0, KEY_STEP_1 = U(0x9E3779B9), U(0xBB67AE85)
+FACTOR_0, FACTOR_1 = U(0xD2511F53), U(0xCD9E8D57)
+LOW, HALF_WORD = U(0xFFFFFFFF), U(32)
+NONE, ONE, TWO = U(0), U(1), U(2)
+
+
+def philox(c0, c1, c2, c3, k0, k1):
+    """Philox4x32-10 of a 128-bit counter and a 64-bit key, all as 32-bit words held in uint64."""
+    for _ in range(10):
+        a, b = FACTOR_0 * c0, FACTOR_1 * c2
+        c0, c1, c2, c3 = (b >> HALF_WORD) ^ c1 ^ k0, b & LOW, (a >> HALF_WORD) ^ c3 ^ k1, a & LOW
+        k0, k1 = (k0 + KEY_STEP_0) & LOW, (k1 + KEY_STEP_1) & LOW
+    return c0, c1, c2, c3
+
+
+def pair_of_words(key, m):
+    """Two 64-bit words for pair m of a stream."""
+    c0, c1, c2, c3 = philox(m & LOW, m >> HALF_WORD, NONE, NONE, key & LOW, key >> HALF_WORD)
+    return c0 | (c1 << HALF_WORD), c2 | (c3 << HALF_WORD)
+
+
+# log((1+t)/(1-t))/t in t^2 for |t| < 0.1716;  cos(2 pi v), sin(2 pi v)/v in v^2 for |v| < 1/8: errors below 5e-17
+L0, L1, L2, L3, L4 = 2.0, 0.6666666666666666, 0.40000000000007496, 0.28571428568817636, 0.22222222677146836
+L5, L6, L7, L8 = 0.18181773720945538, 0.15387161664597038, 0.13248746535494305, 0.1326225363958399
+C1, C2, C3, C4 = -19.739208802178716, 64.93939402266795, -85.45681720652271, 60.244641328867296
+C5, C6, C7 = -26.426250908622137, 7.903091687751697, -1.6968494702918826
+S0, S1, S2, S3 = 6.283185307179586, -41.34170224039976, 81.60524927607493, -76.70585975299812
+S4, S5, S6, S7 = 42.05869392898878, -15.094640403891546, 3.8197881201632113, -0.7116358090781666
+LN_2, SQRT_2 = 0.6931471805599453, 1.4142135623730951
+EXPONENT, MANTISSA, UNIT_FLOAT = U(52), U(0xFFFFFFFFFFFFF), U(0x3FF0000000000000)
+SHIFT_11, SHIFT_62, BITS_51 = U(11), U(62), U(0x7FFFFFFFFFFFF)
+
+
+def radius(a):
+    """sqrt(-2 log u), u = (a + 1/2) 2^-64: up to 9.49 sigma."""
+    z = bits((as_float(a) + 0.5) * 5.421010862427522e-20)
+    mantissa = unbits((z & MANTISSA) | UNIT_FLOAT)
+    above = mantissa > SQRT_2
+    m = where(above, mantissa * 0.5, mantissa)
+    e = as_float(z >> EXPONENT) - where(above, 1022.0, 1023.0)
+    t = (m - 1.0) / (m + 1.0)
+    w = t * t
+    q = fma(fma(fma(fma(fma(fma(fma(fma(L8, w, L7), w, L6), w, L5), w, L4), w, L3), w, L2), w, L1), w, L0)
+    return sqrt(-2.0 * fma(e, LN_2, q * t))
+
+
+def turn(b):
+    """(cos, sin) of b 2^-64 turns, up to a constant angle: quarter turns from two bits, the rest from 51."""
+    quarter = b >> SHIFT_62
+    v = (as_float((b >> SHIFT_11) & BITS_51) - 1125899906842624.0) * 1.1102230246251565e-16
+    x = v * v
+    c = fma(fma(fma(fma(fma(fma(fma(C7, x, C6), x, C5), x, C4), x, C3), x, C2), x, C1), x, 1.0)
+    s = v * fma(fma(fma(fma(fma(fma(fma(S7, x, S6), x, S5), x, S4), x, S3), x, S2), x, S1), x, S0)
+    odd = (quarter & ONE) != NONE
+    x0, x1 = where(odd, s, c), where(odd, c, s)
+    return where(((quarter + ONE) & TWO) != NONE, -x0, x0), where(quarter > ONE, -x1, x1)
+
+
+def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
+    """64-bit key of one use of one source in one run: Philox of (seed, stream, use) under the run's seed."""
+    words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
+    with np.errstate(over="ignore"):
+        c = philox(*(U(v) for v in words32))
+    return c[0] | (c[1] << HALF_WORD)
+
+
+def normals(key: np.uint64, n: int) -> np.ndarray:
+    """The first n deviates of a stream (for stationary starts)."""
+    y = np.empty(n)
+    for m in range(0, n, 2):
+        with np.errstate(over="ignore"):
+            a, b = pair_of_words(key, U(m >> 1))
+        y[m : m + 2] = [radius(a) * v for v in turn(b)][: n - m]
+    return y
+
+
+class WhiteState(NamedTuple):
+    key: np.uint64
+    n: np.uint64  # index of the next sample; before sample 0 it counts up to 2^64
+
+
+@dataclass(frozen=True, eq=False)
+class White(Block):
+    """y[n] ~ N(0, 1), independent: deviates 2m and 2m+1 are the two Box-Muller deviates of Philox block m."""
+
+    seed: int
+    stream: int = 0
+    shared: bool = False
+
+    def check(self):
+        for name, top in (("seed", 2**64), ("stream", 2**32)):
+            v = getattr(self, name)
+            if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < top:
+                raise BadValue(f"white_noise: {name} = {v!r} must be a whole number from 0 to {top - 1}")
+
+    @property
+    def noise_key(self) -> tuple[int, int]:
+        """(seed, stream): no two sources of a scene may have the same."""
+        return self.seed, self.stream
+
+    def design(self, fs):
+        return (), WhiteState(U(0), U(2**64 - lead(fs)))
+
+    def start(self, p, s, seed):
+        return s._replace(key=noise_key(seed, self.seed, self.stream, 0))
+
+    @staticmethod
+    def work(p):
+        return 132
+
+    @staticmethod
+    def tile(p, s, y, w):
+        odd = np.int64(s.n & ONE)
+        first, pairs = s.n >> ONE, (y.size + odd + 1) >> 1
+        a, b, r, z = words(w[:33]), words(w[33:66]), w[:33], w[66:132]
+        for i in range(pairs):
+            a[i], b[i] = pair_of_words(s.key, first + U(i))
+        for i in range(pairs):
+            r[i] = radius(a[i])
+        for i in range(pairs):
+            c, d = turn(b[i])
+            z[2 * i] = r[i] * c
+            z[2 * i + 1] = r[i] * d
+        copy(z[odd : odd + y.size], y)
+        return WhiteState(s.key, s.n + U(y.size))
+
+
+def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
+    """Gaussian white noise of unit variance, N(0, 1) per sample, at any sample rate.
+
+    One-sided PSD 2/fs.  Sample n depends on (run seed, seed, stream, n) alone.
+
+    Parameters
+    ----------
+    seed, stream : int
+        Together the source's key.  Two sources of one scene must not have the same.
+    shared : bool
+        Allow the same key twice, or one source on two clocks.
+
+    Returns
+    -------
+    Block
+        Without unit.
+
+    Raises
+    ------
+    BadValue
+        Keys out of range.
+
+    References
+    ----------
+    Paper 000, section 1.1: "gaussian white noise n(s)".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import white_noise
+    >>> proc = stimlib.compile(stimlib.Scene({"n": white_noise(seed=1)}), fs=8000)
+    >>> proc.process(np.empty((0, 8000))).std().round(1)
+    np.float64(1.0)
+    """
+    return White(seed, stream, shared)

@@ -1,0 +1,118 @@
+"""Functions given by points."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+from ..graph import Block, as_block
+from ..maths import fma, search, where
+from ..units import unit
+
+KINDS = ("linear", "pchip", "cubic")
+OUTSIDE = ("hold", "zero", "error")
+
+
+class TableParams(NamedTuple):
+    knots: np.ndarray
+    c: np.ndarray  # 4 coefficients of each piece, highest power of (x - knot) first
+    outside: float  # value added outside: 0, or nan
+    keep: float  # 0: nothing is left of the value outside
+
+
+class Table(Block, abstract=True):
+    """A piecewise cubic: c0 d^3 + c1 d^2 + c2 d + c3 with d = x - knot of the piece."""
+
+    @staticmethod
+    def step(p, s, x):
+        low, high = p.knots[0], p.knots[p.knots.size - 1]
+        held = where(x < low, low, where(x > high, high, x))
+        i = search(p.knots, held)
+        d = held - p.knots[i]
+        y = fma(fma(fma(p.c[4 * i], d, p.c[4 * i + 1]), d, p.c[4 * i + 2]), d, p.c[4 * i + 3])
+        return where(held == x, y, where(p.keep > 0.0, y, p.outside)), s
+
+
+@dataclass(frozen=True, eq=False)
+class Lut(Table):
+    """A table of values over knots."""
+
+    x: Block
+    knots: np.ndarray
+    values: np.ndarray
+    kind: str
+    outside: str
+    value_unit: str
+
+    def check(self):
+        knots, values = self.knots, self.values
+        if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
+            raise BadValue(
+                f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)}, {np.shape(values)}"
+            )
+        if not (np.diff(knots) > 0).all():
+            raise BadValue(f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
+        for v, known, name in ((self.kind, KINDS, "kind"), (self.outside, OUTSIDE, "outside")):
+            if v not in known:
+                raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
+
+    def units(self, *u):
+        return unit(self.value_unit)
+
+    def design(self, fs):
+        c = np.zeros((4, len(self.knots) - 1))
+        if self.kind == "linear":
+            c[2], c[3] = np.diff(self.values) / np.diff(self.knots), self.values[:-1]
+        else:
+            from scipy import interpolate
+
+            make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
+            c[:] = make(self.knots, self.values).c
+        outside, keep = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}[self.outside]
+        return TableParams(np.array(self.knots), c.T.ravel().copy(), outside, keep), ()
+
+
+def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:
+    """A function of x given by points.
+
+    Parameters
+    ----------
+    x : Block
+    knots : array_like, shape (m,)
+        Rising, in the unit of x.
+    values : array_like, shape (m,), or callable
+        In ``unit``; a callable is sampled at the knots now.
+    kind : {"linear", "pchip", "cubic"}
+    outside : {"hold", "zero", "error"}
+        What happens beyond the first and last knot; "error" gives nan, which the output's guard stops as a fault.
+    unit : str
+        Unit of the values.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        Knots that do not rise, lengths that differ, numbers that are not finite, an unknown kind or policy.
+
+    References
+    ----------
+    Paper 000, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import lut
+    >>> proc = stimlib.compile(stimlib.Scene({"y": lut(stimlib.Input("x"), [0, 1, 2], [0, 10, 0])}), fs=1000)
+    >>> proc.process(np.array([[0.5, 1.0, 1.75, 9.0]]))
+    array([[ 5. , 10. ,  2.5,  0. ]])
+    """
+    if callable(values):
+        values = [float(values(k)) for k in knots]
+    return Lut(as_block(x), knots, values, kind, outside, unit)

@@ -1,0 +1,573 @@
+"""Blocks and the arithmetic that joins them: a stimulus is a graph of these.
+
+A block is a frozen dataclass.  Fields annotated ``Block`` are its input signals (numbers are accepted and become
+constants); all others are design numbers, which shape it once per sample rate in ``design(fs)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+
+from . import units as un
+from .errors import BadValue, SceneError, UnitError
+from .maths import where
+from .units import Unit, unit
+
+F = TypeVar("F", bound=Callable)
+
+
+def memo(f: F) -> F:
+    """functools.cache that keeps the signature (and takes classes as arguments)."""
+    return cache(f)  # type: ignore[return-value]
+
+
+registry: dict[str, type[Block]] = {}
+"""Every final block class by the name scene files use."""
+
+
+class Block:
+    """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``) or final.
+
+    A final class, or an abstract one above it (a *primitive*), owns the definition of the output, either
+
+    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see ``stimlib.steps``), or
+    * ``tile(p, s, *x, y, w) -> s``: fills the array y from the arrays x, up to 64 samples, any cut giving the same
+      bits; ``work(p)`` words of scratch come as ``w``.
+
+    p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
+    """
+
+    abstract: ClassVar[bool] = True
+    step: ClassVar[Callable[..., Any] | None] = None
+    tile: ClassVar[Callable[..., Any] | None] = None
+    work: ClassVar[Callable[..., int] | None] = None
+    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal
+
+    def __init_subclass__(cls, abstract: bool = False, **kw):
+        super().__init_subclass__(**kw)
+        for base in cls.__mro__[1:]:
+            if issubclass(base, Block) and not base.abstract:
+                raise TypeError(f"{cls.__name__}: {base.__name__} is final; derive from {base.__mro__[1].__name__} instead")
+        cls.abstract = abstract
+        cls.__repr__ = Block.__repr__  # type: ignore[method-assign]  # or dataclass writes one that recurses
+        if not abstract:
+            registry[type_name(cls)] = cls
+
+    def __post_init__(self):
+        cls = type(self)
+        if cls.abstract:
+            raise TypeError(f"{cls.__name__} is abstract: it has no design of its own")
+        params = cls.__dict__.get("__dataclass_params__")
+        if params is None or not params.frozen or params.eq:
+            raise TypeError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False)")
+        for f in dc.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            value = as_block(value) if f.name in signals(cls) else _design_value(self, f.name, value)
+            object.__setattr__(self, f.name, value)
+        self.check()
+        kids = self.children
+        object.__setattr__(self, "autonomous", all(c.autonomous for c in kids))
+        object.__setattr__(self, "dim", self.units(*(c.dim for c in kids)))
+
+    autonomous: ClassVar[bool]  # no Input reaches it
+    dim: ClassVar[Unit]  # unit of the output
+
+    # What a class may say about itself ---------------------------------------------------------------------------
+    def check(self) -> None:
+        """Raise BadValue if a design number makes no sense."""
+
+    def units(self, *u: Unit) -> Unit:
+        """Unit of the output from those of the signals: by default that of the first."""
+        return u[0] if u else un.ONE
+
+    def design(self, fs: float) -> tuple[Any, Any]:
+        """Parameters p and first state s at sample rate fs (Hz)."""
+        return (), ()
+
+    def start(self, p: Any, s: Any, seed: int) -> Any:
+        """The first state of a run with this seed (noise keys, stationary states)."""
+        return s
+
+    def delay(self, p: Any) -> float:
+        """Latency of the block in samples."""
+        return 0.0
+
+    def memory(self, p: Any) -> int:
+        """Samples until a finite-memory block has forgotten its first state."""
+        return 0
+
+    # -------------------------------------------------------------------------------------------------------------
+    @property
+    def children(self) -> tuple[Block, ...]:
+        """The input signals."""
+        return tuple(getattr(self, name) for name in signals(type(self)))
+
+    def __repr__(self):
+        parts = []
+        for f in dc.fields(self):  # type: ignore[arg-type]
+            v = getattr(self, f.name)
+            if isinstance(v, Block):
+                name = repr(v.name) if isinstance(v, (Input, Param)) else ".."
+                parts.append(repr(v) if isinstance(v, Const) else f"{type(v).__name__}({name})")
+            elif isinstance(v, np.ndarray):
+                parts.append(f"{f.name}=[{v.size}]")
+            elif v is not None:
+                parts.append(f"{f.name}={v!r}" if self.children else repr(v))
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def __bool__(self):
+        raise SceneError(f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of if/and/or")
+
+    # fmt: off
+    def __add__(self, o): return Add(self, o)
+    def __radd__(self, o): return Add(o, self)
+    def __sub__(self, o): return Sub(self, o)
+    def __rsub__(self, o): return Sub(o, self)
+    def __mul__(self, o): return Mul(self, o)
+    def __rmul__(self, o): return Mul(o, self)
+    def __truediv__(self, o): return Div(self, o)
+    def __rtruediv__(self, o): return Div(o, self)
+    def __neg__(self): return Neg(self)
+    def __abs__(self): return Abs(self)
+    def __gt__(self, o): return Greater(self, o)
+    def __lt__(self, o): return Greater(o, self)
+    def __ge__(self, o): return AtLeast(self, o)
+    def __le__(self, o): return AtLeast(o, self)
+    # fmt: on
+
+    __array_ufunc__ = None  # numpy scalars on the left leave the operation to us
+
+
+@memo
+def signals(cls: type[Block]) -> tuple[str, ...]:
+    """Names of the fields that are input signals."""
+    named = {Block, "Block", "stimlib.Block", "graph.Block", "stimlib.graph.Block"}
+    return tuple(f.name for f in dc.fields(cls) if f.type in named)  # type: ignore[arg-type]
+
+
+@memo
+def type_name(cls: type[Block]) -> str:
+    """The name scene files use: the class name for our own blocks, module.name for others'."""
+    return cls.__name__ if cls.__module__.split(".")[0] == "stimlib" else f"{cls.__module__}.{cls.__qualname__}"
+
+
+def as_block(v: Any) -> Block:
+    """A block as it is; a number as a constant without unit."""
+    if isinstance(v, Block):
+        return v
+    if isinstance(v, (int, float, np.integer, np.floating)):
+        return Const(float(v))
+    raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r}")
+
+
+def _design_value(owner: Block, name: str, v: Any) -> Any:
+    where_ = f"{type(owner).__name__}.{name}"
+    if isinstance(v, Block):
+        raise BadValue(
+            f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
+            "live values are multiplied, added, or connected to a block's input"
+        )
+    if isinstance(v, (list, tuple, np.ndarray)):
+        v = np.array(v, np.float64)
+        v.flags.writeable = False
+        if not np.isfinite(v).all():
+            raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(v)))}] is not finite")
+    elif isinstance(v, (bool, np.bool_)):
+        v = bool(v)
+    elif isinstance(v, (int, np.integer)):
+        v = int(v)
+    elif isinstance(v, (float, np.floating)):
+        v = float(v)
+        if not math.isfinite(v):
+            raise BadValue(f"{where_} = {v} is not finite")
+    elif not isinstance(v, (str, type(None))):
+        raise BadValue(f"{where_} must be a number, a sequence of numbers or a string, got {type(v).__name__}")
+    return v
+
+
+def positive(owner: Block, *names: str) -> None:
+    """Raise BadValue unless these design numbers are above zero."""
+    for name in names:
+        v = getattr(owner, name)
+        if isinstance(v, str) or not v > 0:
+            raise BadValue(f"{type(owner).__name__}.{name} = {v!r} must be above 0")
+
+
+def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
+    """The common unit of two signals; a literal 0 fits everywhere."""
+    for one, other in ((0, 1), (1, 0)):
+        if u[one] == u[other] or (isinstance((a, b)[one], Const) and (a, b)[one].value == 0):  # type: ignore[attr-defined]
+            return u[other]
+    hint = ""
+    for n, m in ((a, u[1]), (b, u[0])):
+        if isinstance(n, Const) and n.dim == un.ONE:
+            hint = f"; write constant({n.value:g}, {str(m)!r}) if that is meant"
+    raise UnitError(f"cannot {verb} [{u[0]}] {a!r} and [{u[1]}] {b!r}{hint}")
+
+
+# Leaves --------------------------------------------------------------------------------------------------------------
+@dc.dataclass(frozen=True, eq=False)
+class Input(Block):
+    """A signal from outside, such as a measured position.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        Coherent SI, such as ``"m"``.
+
+    Examples
+    --------
+    >>> from stimlib import Input
+    >>> Input("x", "m")
+    Input('x', 'm')
+    """
+
+    name: str
+    unit: str = ""
+
+    def check(self):
+        _name(self)
+
+    def units(self, *u):
+        return unit(self.unit)
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Const(Block):
+    """A plain number with a unit; see ``constant``."""
+
+    value: float
+    unit: str = ""
+
+    def units(self, *u):
+        return unit(self.unit)
+
+
+def constant(value: float, unit: str = "") -> Const:
+    """A number with a unit, such as the paper's sample period ``constant(1 / 8000, "s")``.
+
+    Parameters
+    ----------
+    value : float
+    unit : str
+        Coherent SI.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        If the value is not finite.
+    UnitError
+        If the unit is unknown or has a prefix.
+
+    Examples
+    --------
+    >>> from stimlib import Input, constant
+    >>> str((constant(2000.0, "N/m") * Input("x", "m")).dim)
+    'N'
+    """
+    return Const(float(value), unit)
+
+
+class ParamState(NamedTuple):
+    y: float
+    target: float
+    left: float  # samples of ramp still to go
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Param(Block):
+    """A live number: a signal that ``Processor.set`` changes, at once or along a ramp.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        Value after reset, in the unit.
+    unit : str
+        Coherent SI.
+
+    Examples
+    --------
+    >>> from stimlib import Param
+    >>> Param("k", 2000.0, "N/m")
+    Param('k', 2000.0, 'N/m')
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+
+    def check(self):
+        _name(self)
+        if isinstance(self.value, str):
+            raise BadValue(f"Param {self.name!r}: the value comes before the unit")
+
+    def units(self, *u):
+        return unit(self.unit)
+
+    def design(self, fs):
+        return (), ParamState(float(self.value), float(self.value), 0.0)
+
+    @staticmethod
+    def step(p, s):
+        ramping = where(s.left > 1.0, s.y + (s.target - s.y) / s.left, s.target)
+        y = where(s.left > 0.0, ramping, s.y)
+        return y, ParamState(y, s.target, where(s.left > 0.0, s.left - 1.0, 0.0))
+
+
+def _name(b):
+    if not isinstance(b.name, str) or not b.name or not b.name.replace("_", "a").isalnum():
+        raise BadValue(f"{type(b).__name__} name {b.name!r} must be letters, digits and underscores")
+
+
+# Arithmetic ----------------------------------------------------------------------------------------------------------
+class Map(Block, abstract=True):
+    """A block without memory: the output is a function of this sample's inputs."""
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Add(Map):
+    """a + b, of one unit."""
+
+    a: Block
+    b: Block
+
+    def units(self, *u):
+        return same_unit("add", self.a, self.b, *u)
+
+    @staticmethod
+    def step(p, s, a, b):
+        return a + b, s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Sub(Map):
+    """a - b, of one unit."""
+
+    a: Block
+    b: Block
+
+    def units(self, *u):
+        return same_unit("subtract", self.a, self.b, *u)
+
+    @staticmethod
+    def step(p, s, a, b):
+        return a - b, s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Mul(Map):
+    """a b."""
+
+    a: Block
+    b: Block
+
+    def units(self, *u):
+        return u[0] * u[1]
+
+    @staticmethod
+    def step(p, s, a, b):
+        return a * b, s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Div(Map):
+    """a / b."""
+
+    a: Block
+    b: Block
+
+    def units(self, *u):
+        return u[0] / u[1]
+
+    @staticmethod
+    def step(p, s, a, b):
+        return a / b, s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Neg(Map):
+    """-x."""
+
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return -x, s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Abs(Map):
+    """|x|."""
+
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return abs(x), s
+
+
+class _Compare(Map, abstract=True):
+    """1 where a comparison of two signals of one unit holds, else 0."""
+
+    def units(self, *u):
+        same_unit("compare", self.children[0], self.children[1], *u)
+        return un.ONE
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Greater(_Compare):
+    """1 where a > b, else 0."""
+
+    a: Block
+    b: Block
+
+    @staticmethod
+    def step(p, s, a, b):
+        return where(a > b, 1.0, 0.0), s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class AtLeast(_Compare):
+    """1 where a >= b, else 0."""
+
+    a: Block
+    b: Block
+
+    @staticmethod
+    def step(p, s, a, b):
+        return where(a >= b, 1.0, 0.0), s
+
+
+# Enabled subsystem ---------------------------------------------------------------------------------------------------
+@dc.dataclass(frozen=True, eq=False)
+class Enabled(Block):
+    """A block on its own clock; see ``enabled``."""
+
+    block: Block
+    by: Block
+
+    def check(self):
+        if not self.block.autonomous:
+            culprit = next(b for b in reach([self.block]) if isinstance(b, Input))
+            raise SceneError(
+                f"enabled({self.block!r}) would need the input {culprit.name!r} while it is held; "
+                "enable only what no Input reaches, and multiply after the gate: x * enabled(noise, by=gate)"
+            )
+
+
+def enabled(block: Block, by: Block) -> Block:
+    """Run a block only at the samples where a condition holds (an *enabled subsystem*).
+
+    The block lives on its own clock, the samples with ``by > 0``; in between its state is held, nothing of it is
+    computed and the output is 0.  Each ``enabled`` owns its copy of what it runs.
+
+    Parameters
+    ----------
+    block : Block
+        No Input may reach it.
+    by : Block
+        The condition.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    SceneError
+        If an Input reaches the block: multiply after the gate.
+
+    Examples
+    --------
+    >>> from stimlib import Input, constant
+    >>> from stimlib.blocks import enabled, white_noise
+    >>> enabled(white_noise(seed=1), by=Input("v", "m/s") > constant(1e-3, "m/s"))
+    Enabled(White(..), Greater(..))
+    """
+    return Enabled(as_block(block), as_block(by))
+
+
+# Walking -------------------------------------------------------------------------------------------------------------
+def reach(roots: Iterable[Block]) -> list[Block]:
+    """Every block object the roots need, children first, each once.  No recursion: graphs may be deep."""
+    done: dict[int, Block] = {}
+    todo = [(b, False) for b in reversed(list(roots))]
+    while todo:
+        b, ready = todo.pop()
+        if id(b) in done:
+            continue
+        if ready:
+            done[id(b)] = b
+        else:
+            todo.append((b, True))
+            todo += [(c, False) for c in reversed(b.children)]
+    return list(done.values())
+
+
+class GuardParams(NamedTuple):
+    m: float
+
+
+class GuardState(NamedTuple):
+    last: float
+    left: float  # -1 while healthy, then samples of ramp to go
+    at: np.uint64  # samples seen while healthy: where the fault is
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Guard(Block):
+    """What stands on every output: from the first non-finite sample on, the last finite value, faded out in 20 ms."""
+
+    x: Block
+
+    def design(self, fs):
+        return GuardParams(float(max(1, round(0.02 * fs)))), GuardState(0.0, -1.0, np.uint64(0))
+
+    @staticmethod
+    def step(p, s, x):
+        healthy = where(s.left < 0.0, where(x - x == 0.0, 1.0, 0.0), 0.0) > 0.0
+        left = where(healthy, -1.0, where(s.left < 0.0, p.m, where(s.left > 0.0, s.left - 1.0, 0.0)))
+        last = where(healthy, x, s.last)
+        y = where(healthy, x, last * (left / p.m))
+        return y, GuardState(last, left, where(healthy, s.at + ONE_SAMPLE, s.at))
+
+
+ONE_SAMPLE = np.uint64(1)
+
+
+# Flat memory ---------------------------------------------------------------------------------------------------------
+def kind(v: Any) -> str:
+    """F, U: array of float64, uint64;  f, u: one of them."""
+    if isinstance(v, np.ndarray):
+        return "U" if v.dtype == np.uint64 else "F"
+    return "u" if isinstance(v, np.uint64) else "f"
+
+
+def pack(s: Any) -> np.ndarray:
+    """The words of a parameter or state tuple: fields in order, arrays whole, floats as their bits."""
+    w = [np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64) for v in s]
+    return np.concatenate(w) if w else np.zeros(0, np.uint64)
+
+
+def unpack(s: Any, w: np.ndarray) -> Any:
+    """The same tuple type filled from words (copies); scalars as numpy scalars."""
+    out: list[Any] = []
+    at = 0
+    for v in s:
+        n = v.size if isinstance(v, np.ndarray) else 1
+        part = w[at : at + n].copy() if kind(v) in "uU" else w[at : at + n].copy().view(np.float64)
+        out.append(part if isinstance(v, np.ndarray) else part[0])
+        at += n
+    return type(s)(*out) if len(s) else ()

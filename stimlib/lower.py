@@ -1,0 +1,241 @@
+"""From a scene to a flat program: rewriting, clocks, running order.  Every target runs the same program."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import units as un
+from .errors import SceneError
+from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
+
+PARAMS, ROOT = 0, 1  # clocks: live numbers, always; the sample clock.  Each enabled adds one.
+
+
+def lead(fs: float) -> int:
+    """Samples that everything autonomous runs before sample 0: a function of fs alone.
+
+    Of the graph it must not be: an output added to a scene would change the bits of the others.
+
+    Examples
+    --------
+    >>> from stimlib.lower import lead
+    >>> lead(8000.0), lead(48000.0)
+    (256, 1536)
+    """
+    return max(256, math.ceil(0.032 * fs - 1e-9))
+
+
+class Instance(NamedTuple):
+    """One thing to run on one clock."""
+
+    kind: str  # block | input | const | open | close
+    block: Block
+    clock: int
+    args: tuple[int, ...]  # instance numbers
+    autonomous: bool
+    child: int  # the clock that an open or close owns, else -1
+
+
+class Program(NamedTuple):
+    """A scene ready for any target."""
+
+    instances: list[Instance]  # in running order
+    outputs: dict[str, int]
+    inputs: dict[str, int]
+    params: dict[str, int]
+    noises: dict[str, int]
+    parents: list[int]  # parent of each clock
+    removed: list[str]  # what rewriting took out, and why
+    hash: int  # of the structure: 64 bits
+
+
+class _Node(NamedTuple):
+    block: Block
+    kids: tuple[int, ...]
+
+
+class _Graph:
+    """Structures: equal sub-graphs have one number."""
+
+    def __init__(self):
+        self.nodes: list[_Node] = []
+        self.numbers: dict[Any, int] = {}
+        self.removed: dict[str, None] = {}
+
+    def number(self, b: Block, kids: tuple[int, ...]) -> int:
+        key = (type(b), kids, tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b))))  # type: ignore[arg-type]
+        n = self.numbers.setdefault(key, len(self.nodes))
+        if n == len(self.nodes):
+            self.nodes.append(_Node(b, kids))
+        return n
+
+    def const(self, value: float, like: Block) -> int:
+        return self.number(Const(value, "" if like.dim == un.ONE else str(like.dim)), ())
+
+    def value(self, n: int) -> float | None:
+        b = self.nodes[n].block
+        return b.value if isinstance(b, Const) else None
+
+    def autonomous(self, n: int) -> bool:
+        return self.nodes[n].block.autonomous
+
+    def intern(self, b: Block, kids: tuple[int, ...]) -> int:
+        """Number of a block over rewritten inputs: numbers folded, literal zeros and ones removed."""
+        values = [self.value(k) for k in kids]
+        if isinstance(b, Map) and kids and None not in values:
+            with np.errstate(all="ignore"):
+                v = float(type(b).step((), (), *(np.float64(v) for v in values))[0])  # type: ignore[misc]
+            if not math.isfinite(v):
+                raise SceneError(f"{b!r} of plain numbers {values} is {v}")
+            return self.const(v, b)
+        for here, there in ((0, 1), (1, 0)) if isinstance(b, (Mul, Add)) else ():
+            if values[here] == (1.0 if isinstance(b, Mul) else 0.0):
+                return kids[there]
+            if isinstance(b, Mul) and values[here] == 0.0 and self.autonomous(kids[there]):
+                self.removed[f"{self.nodes[kids[there]].block!r}: multiplied by a literal 0"] = None
+                return self.const(0.0, b)
+        if isinstance(b, Enabled):
+            if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
+                self.removed[f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"] = None
+                return self.const(0.0, b)
+        return self.number(b, kids)
+
+
+def _key(v: Any) -> Any:
+    return ("array", v.shape, v.tobytes()) if isinstance(v, np.ndarray) else repr(v)
+
+
+def lower(outputs: dict[str, Block]) -> Program:
+    """Rewrite a scene's outputs and lay them out on their clocks.
+
+    Raises
+    ------
+    SceneError
+        Names used twice with different meaning; noise sources with one key, or one source on two clocks, unless
+        shared; numbers that fold to something non-finite.
+    """
+    guards = [Guard(b) for b in outputs.values()]
+    objects = reach(guards)
+    _check_names(objects)
+    _check_noise_objects(objects)
+    graph = _Graph()
+    number: dict[int, int] = {}
+    for b in objects:
+        number[id(b)] = graph.intern(b, tuple(number[id(c)] for c in b.children))
+    made, instances, parents = _layout(graph, [number[id(g)] for g in guards])
+    merged = len(objects) - len({number[id(b)] for b in objects})
+    removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
+    noises: dict[str, int] = {}
+    for i, q in enumerate(instances):
+        if hasattr(q.block, "noise_key"):
+            name = "white({}, {})".format(*q.block.noise_key)
+            if name in noises and not q.block.shared:
+                raise SceneError(
+                    f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in two gates): each clock would "
+                    "run its own copy; give each its own stream, or say shared=True if one noise everywhere is meant"
+                )
+            noises.setdefault(name, i)
+    text = repr([(type_name(type(q.block)), q.kind, q.clock, q.args) for q in instances])
+    return Program(
+        instances,
+        {name: made["block", number[id(g)], ROOT] for name, g in zip(outputs, guards, strict=True)},
+        {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Input)},
+        {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)},
+        noises,
+        parents,
+        removed,
+        int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"),
+    )
+
+
+def _layout(graph: _Graph, roots: list[int]):
+    """Instances keyed by (kind, structure, clock), children first."""
+    made: dict[tuple[str, int, int], int] = {}
+    instances: list[Instance] = []
+    parents = [-1, -1]
+    clocks: dict[tuple[int, int], int] = {}
+    todo = [("block", n, ROOT) for n in reversed(roots)]
+    while todo:
+        key = todo[-1]
+        if key in made:
+            todo.pop()
+            continue
+        kind, n, clock = key
+        b, kids = graph.nodes[n]
+        child = -1
+        if isinstance(b, Enabled):
+            if (n, clock) not in clocks:
+                clocks[n, clock] = len(parents)
+                parents.append(clock)
+            child = clocks[n, clock]
+            need = [("block", kids[1], clock)] if kind == "open" else [("open", n, clock), ("block", kids[0], child)]
+        else:
+            need = [("block", k, clock) for k in kids]
+        need = [(k, m, _home(graph.nodes[m].block, c)) for k, m, c in need]
+        missing = [q for q in need if q not in made]
+        if missing:
+            todo += reversed(missing[:1] if kind == "block" and isinstance(b, Enabled) else missing)
+            continue
+        args = tuple(made[q] for q in need)
+        kind = "input" if isinstance(b, Input) else "const" if isinstance(b, Const) else "open" if kind == "open" else \
+            "close" if isinstance(b, Enabled) else "block"  # fmt: skip
+        autonomous = not isinstance(b, (Input, Guard)) and all(instances[a].autonomous for a in args)
+        made[key] = len(instances)
+        instances.append(Instance(kind, b, clock, args, autonomous, child))
+        todo.pop()
+    return made, instances, parents
+
+
+def _home(b: Block, clock: int) -> int:
+    """Live numbers and constants belong to no clock but their own, whoever asks for them."""
+    return PARAMS if isinstance(b, (Param, Const)) else clock
+
+
+def _check_names(objects: list[Block]) -> None:
+    seen: dict[str, Block] = {}
+    for b in objects:
+        if isinstance(b, (Input, Param)):
+            old = seen.setdefault(b.name, b)
+            if type(old) is not type(b) or repr(old) != repr(b):
+                raise SceneError(f"the name {b.name!r} is used for {old!r} and for {b!r}: give them different names")
+
+
+def _check_noise_objects(objects: list[Block]) -> None:
+    """Two fingers must not silently feel one noise: by object, before equal sub-graphs are merged."""
+    seen: dict[tuple[int, int], Block] = {}
+    for b in objects:
+        key = getattr(b, "noise_key", None)
+        if key is not None:
+            old = seen.setdefault(key, b)
+            if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
+                raise SceneError(
+                    f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be one and the same noise; "
+                    f"give one another stream (stream={key[1] + 1}), or shared=True to both if that is meant"
+                )
+
+
+def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
+    """Finite memory on a noise's path must fit into the lead, or the noise would start with a transient."""
+    total = [0] * len(program.instances)
+    noisy = [False] * len(program.instances)
+    for i, q in enumerate(program.instances):
+        noisy[i] = hasattr(q.block, "noise_key") or any(noisy[a] for a in q.args)
+        if q.autonomous and noisy[i]:
+            total[i] = max((total[a] for a in q.args), default=0) + (q.block.memory(design[i][0]) if q.kind == "block" else 0)
+            if total[i] > lead(fs):
+                raise SceneError(
+                    f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more than the {lead(fs)} that run "
+                    f"before sample 0 at fs = {fs:g} Hz; use lower orders or shorter delays"
+                )
+
+
+def first_states(program: Program, design: list[tuple[Any, Any]], seed: int) -> np.ndarray:
+    """Words of all states before the lead, in canonical order: instance order, then field order."""
+    with np.errstate(all="ignore"):
+        w = [pack(q.block.start(p, s, seed)) for q, (p, s) in zip(program.instances, design, strict=True) if q.kind == "block"]
+    return np.concatenate(w) if w else np.zeros(0, np.uint64)

@@ -1,0 +1,137 @@
+"""The only mathematics a step may use: each function here is THE definition, in plain Python, with one rounding.
+
+``targets/native.py`` holds, under the same names, what compiled code does; ``tests/test_maths.py`` checks that both
+give the same bits.  numpy scalars go in and come out, so that 1/0 is inf and never an exception.
+
+Long sums (a filter's taps, a bank of modes) are **eight partial sums**, index mod 8, added as
+((s0+s4)+(s2+s6)) + ((s1+s5)+(s3+s7)): a definition that single samples, tiles and vector units can all follow exactly.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import numpy as np
+
+TINY = 1e-200
+"""Added to the input of a bank of modes: far below any signal, and it keeps a decaying state off the denormals."""
+
+F = np.float64
+
+if hasattr(math, "fma"):  # Python >= 3.13
+    _fma = math.fma
+else:
+    _fma = ctypes.CDLL(None).fma
+    _fma.argtypes, _fma.restype = [ctypes.c_double] * 3, ctypes.c_double
+
+
+def fma(a, b, c):
+    """a*b + c with one rounding."""
+    try:
+        return F(_fma(a, b, c))
+    except (OverflowError, ValueError):  # math.fma raises where the C library returns inf or nan
+        return F(a) * F(b) + F(c)
+
+
+def sqrt(x):
+    """Square root; nan below zero."""
+    return np.sqrt(F(x))
+
+
+def floor(x):
+    """Largest whole number not above x, as a float."""
+    return np.floor(F(x))
+
+
+def _libm(f, pole):
+    def g(x):
+        try:
+            return F(f(x))
+        except OverflowError:
+            return F(np.inf)
+        except ValueError:
+            return F(pole(x))
+
+    g.__name__, g.__qualname__, g.__doc__ = f.__name__, f.__name__, f"{f.__name__}(x) of the C library; never raises."
+    return g
+
+
+def _nan(x):
+    return math.nan
+
+
+exp = _libm(math.exp, _nan)
+log = _libm(math.log, lambda x: -math.inf if x == 0 else math.nan)
+sin = _libm(math.sin, _nan)
+cos = _libm(math.cos, _nan)
+tanh = _libm(math.tanh, _nan)
+
+
+def where(c, a, b):
+    """a if c else b; both are evaluated."""
+    v = a if c else b
+    return v if isinstance(v, np.uint64) else F(v)
+
+
+def flush(x):
+    """x, or 0 when |x| <= 1e-200: no recursion of an input ever reaches the denormals."""
+    return F(0.0) if abs(x) <= 1e-200 else F(x)
+
+
+def as_float(u):
+    """uint64 to the nearest float64."""
+    return F(u)
+
+
+def bits(x):
+    """The 64 bits of a float64 as uint64."""
+    return F(x).view(np.uint64)
+
+
+def unbits(u):
+    """The float64 with these 64 bits."""
+    return np.uint64(u).view(F)
+
+
+def words(a):
+    """A float64 array's memory as uint64."""
+    return a.view(np.uint64)
+
+
+def copy(a, b):
+    """b[: a.size] = a, for arrays that do not overlap."""
+    b[: a.size] = a
+
+
+def search(knots, x):
+    """Index i with knots[i] <= x < knots[i+1], held inside 0 .. size-2 (0 for nan)."""
+    i = 0
+    for k in range(1, knots.size - 1):
+        i = k if x >= knots[k] else i
+    return i
+
+
+def tree(s):
+    """Sum of eight partial sums in the one order everything here uses."""
+    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
+
+
+def fir(taps, w, y):
+    """y[i] = sum_j taps[j] w[i + j], eight partial sums.  taps.size is a multiple of 8; w has y.size + taps.size - 1."""
+    for i in range(y.size):
+        s = [F(0.0)] * 8
+        for j in range(taps.size):
+            s[j % 8] = fma(taps[j], w[i + j], s[j % 8])
+        y[i] = tree(s)
+
+
+def modes(e, r, q, d, x, y, w):
+    """q += (x + TINY) - e q;  y = d x + sum r q, eight partial sums, flushed.  e.size is a multiple of 8; w: 8 y.size."""
+    for i in range(y.size):
+        s = [F(0.0)] * 8
+        v = x[i] + TINY
+        for k in range(e.size):
+            q[k] = q[k] + fma(-e[k], q[k], v)
+            s[k % 8] = fma(r[k], q[k], s[k % 8])
+        y[i] = flush(fma(d, x[i], tree(s)))

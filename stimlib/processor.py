@@ -1,0 +1,347 @@
+"""The processor: what a scene becomes, and what sinks and verifiers consume."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .errors import BadValue, SceneError, UnknownName
+from .graph import pack
+from .lower import PARAMS, ROOT, Program, check_memory, first_states, lead, lower
+
+TARGETS = ("numba", "python")
+
+
+class Change(NamedTuple):
+    """A call of ``Processor.set``: it acts from sample ``at`` on."""
+
+    at: int
+    name: str
+    value: float
+    ramp: float
+
+
+def compile(scene, fs: float, target: str = "numba", seed: int = 0) -> Processor:
+    """Turn a scene into a streaming processor.
+
+    Parameters
+    ----------
+    scene : Scene
+    fs : float
+        Sample rate in Hz.
+    target : {"numba", "python"}
+        The compiler, or the reference interpreter; both give the same bits.
+    seed : int
+        Key of all noise of this run, besides each source's own seed.
+
+    Returns
+    -------
+    Processor
+
+    Raises
+    ------
+    BadValue
+        fs not above 0 or too low for a pass band; unknown target; a tolerance that cannot be met.
+    SceneError
+        A step that cannot be compiled; noise keys that collide; filters on noise longer than the lead.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> x = stimlib.Input("x", "m")
+    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * x})
+    >>> stimlib.compile(scene, fs=8000, target="python").process(np.array([[0.0, 0.01]]))
+    array([[ 0., 20.]])
+    """
+    return Processor(scene, fs, target, seed)
+
+
+class Processor:
+    """A compiled scene: a pure function of (state, input block) with the state kept inside.
+
+    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y; ``params`` are the live numbers;
+    ``units`` gives the unit of each of them; ``log`` lists every change by sample index.
+    """
+
+    def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
+        fs = float(fs)
+        if not (math.isfinite(fs) and fs > 0):
+            raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
+        if target not in TARGETS:
+            raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
+        self.scene, self.fs, self.target = scene, fs, target
+        self.program: Program = lower(scene.outputs)
+        self.design = [q.block.design(fs) if q.kind == "block" else ((), ()) for q in self.program.instances]
+        check_memory(self.program, self.design, fs)
+        if target == "numba":
+            from .targets.numba import Engine
+        else:
+            from .targets.python import Engine  # type: ignore[assignment]
+        self._engine = Engine(self.program, self.design, fs)
+        self._run = self._engine.process
+        self.inputs: tuple[str, ...] = tuple(self.program.inputs)
+        self.outputs: tuple[str, ...] = tuple(self.program.outputs)
+        blocks = self.program.instances
+        self.units: dict[str, str] = {
+            n: str(blocks[i].block.dim)
+            for group in (self.program.inputs, self.program.params, self.program.outputs)
+            for n, i in group.items()
+        }
+        self.seed = 0
+        self.log: list[Change] = []
+        self._fresh: dict[int, np.ndarray] = {}
+        self._header = np.array([self.program.hash, 0], np.uint64)
+        self._header[0] ^= np.uint64(hash(fs) & 0xFFFFFFFFFFFF)
+        self.reset(seed)
+
+    def __repr__(self):
+        return f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)}, fs={self.fs:g}, {self.target})"
+
+    # Running -----------------------------------------------------------------------------------------------------
+    def process(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """The next n samples.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n_inputs, n), float64, C-contiguous
+            Rows in the order of ``inputs``, in their units.
+        out : ndarray, shape (n_outputs, n), float64, C-contiguous, optional
+            Written and returned when given; no memory is allocated then.
+
+        Returns
+        -------
+        ndarray, shape (n_outputs, n)
+
+        Raises
+        ------
+        BadValue
+            A wrong shape, type or layout; nothing has run then.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc.process(np.ones((1, 3)))
+        array([[2., 2., 2.]])
+        """
+        try:
+            if out is None:
+                out = np.empty((len(self.outputs), x.shape[1]))
+            if not self._run(x, out):
+                return out
+        except (TypeError, AttributeError, IndexError):
+            pass
+        self._explain("x", x, self.inputs, None)
+        self._explain("out", out, self.outputs, x.shape[1])
+        raise AssertionError("process refused arrays that look right")
+
+    def _explain(self, name: str, a: Any, rows: tuple[str, ...], n: int | None) -> None:
+        wanted = f"float64 of shape ({len(rows)}, {'n' if n is None else n}), rows {', '.join(rows) or '(none)'}"
+        if not isinstance(a, np.ndarray):
+            raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
+        if a.ndim != 2 or a.shape[0] != len(rows) or (n is not None and a.shape[1] != n):
+            raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
+        if a.dtype != np.float64:
+            raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
+        if not a.flags.c_contiguous:
+            raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
+        if name == "out" and not a.flags.writeable:
+            raise BadValue("process: out is read-only")
+
+    @property
+    def index(self) -> int:
+        """Samples processed since reset."""
+        return self._engine.count
+
+    # State -------------------------------------------------------------------------------------------------------
+    @property
+    def state(self) -> np.ndarray:
+        """Everything that the next sample depends on: one flat uint64 array (a copy).
+
+        Word 0 tells the scene's structure and fs, word 1 the sample index; then all states in canonical order, the same
+        on every target.  Assign it to go on from there.
+        """
+        self._header[1] = self.index
+        return np.concatenate([self._header, self._engine.words])
+
+    @state.setter
+    def state(self, words: np.ndarray) -> None:
+        words = np.asarray(words)
+        size = 2 + self._fresh[self.seed].size
+        if words.dtype != np.uint64 or words.shape != (size,):
+            raise BadValue(f"state must be uint64 of shape ({size},), as proc.state gives it; got {words.dtype} {words.shape}")
+        if words[0] != self._header[0]:
+            raise BadValue("this state belongs to another scene or sample rate")
+        self._engine.words = words[2:]
+        self._engine.count = int(words[1])
+
+    def reset(self, seed: int | None = None) -> None:
+        """Back to sample 0, live numbers at their initial values; with a seed, every noise gets new keys.
+
+        Parameters
+        ----------
+        seed : int, optional
+            0 .. 2**64 - 1; None keeps the last one.
+        """
+        if seed is None:
+            seed = self.seed
+        if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
+            raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
+        self.seed = int(seed)
+        if self.seed not in self._fresh:
+            self._engine.words = first_states(self.program, self.design, self.seed)
+            for clock in range(len(self.program.parents) - 1, PARAMS, -1):
+                if any(q.autonomous and q.clock == clock and q.kind == "block" for q in self.program.instances):
+                    self._engine.warm(clock, lead(self.fs))
+            if len(self._fresh) >= 8:
+                self._fresh.pop(next(iter(self._fresh)))
+            self._fresh[self.seed] = self._engine.words
+        self._engine.words = self._fresh[self.seed]
+        self._engine.count = 0
+        blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
+        self.params: dict[str, float] = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
+        self.log.clear()
+
+    def set(self, name: str, value: float, ramp: float = 0.02) -> None:
+        """Change a live number from the next sample on.
+
+        Parameters
+        ----------
+        name : str
+            One of ``params``.
+        value : float
+            In the Param's unit.
+        ramp : float
+            Seconds to get there along a straight line; 0 jumps.
+
+        Raises
+        ------
+        UnknownName
+            No such live number.
+        BadValue
+            A value that is not finite, a ramp below 0.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=4, target="python")
+        >>> proc.set("a", 2.0, ramp=1.0)
+        >>> proc.process(np.empty((0, 5)))
+        array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
+        """
+        if name not in self.program.params:
+            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
+        value, ramp = float(value), float(ramp)
+        if not math.isfinite(value):
+            raise BadValue(f"set({name!r}, {value}): the value must be finite")
+        if not (math.isfinite(ramp) and ramp >= 0):
+            raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
+        self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
+        self.params[name] = value
+        self.log.append(Change(self.index, name, value, ramp))
+
+    # Telling -----------------------------------------------------------------------------------------------------
+    @property
+    def fault(self) -> tuple[str, int] | None:
+        """(output, sample index) of the first non-finite sample that a guard stopped, or None."""
+        words, at, found = self._engine.peek(), 0, []
+        guards = {i: n for n, i in self.program.outputs.items()}
+        for i, (q, (_, s)) in enumerate(zip(self.program.instances, self.design, strict=True)):
+            if q.kind == "block":
+                if i in guards and words[at + 1 : at + 2].view(np.float64)[0] >= 0:
+                    found.append((int(words[at + 2]), guards[i]))
+                at += pack(s).size
+        return min(found)[::-1] if found else None
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """(entry, context): call entry(context, x, y, n), C signature void (*)(int64*, double*, double*, int64).
+
+        x and y are row-major (n_inputs, n) and (n_outputs, n).  For sinks that run without the interpreter; keep the
+        processor alive as long as the addresses are in use.
+        """
+        if self._engine.address is None:
+            raise SceneError("only the numba target has an address")
+        return self._engine.address
+
+    @property
+    def plan(self) -> Plan:
+        """What runs, on which clock, and what was removed; ``print(proc.plan)``."""
+        names = ["params", "root"] + [f"enabled {c - ROOT}" for c in range(ROOT + 1, len(self.program.parents))]
+        segments = getattr(self._engine, "segments", [""] * len(self.program.instances))
+        rows = [
+            PlanRow(i, q.kind, repr(q.block), names[q.clock], q.args, q.autonomous, segments[i])
+            for i, q in enumerate(self.program.instances)
+        ]
+        return Plan(rows, self.program.removed, self.fs)
+
+    @property
+    def latency(self) -> dict[tuple[str, str], tuple[float, float]]:
+        """(min, max) latency in samples over all paths, by (output, input); noise sources count as inputs."""
+        from .response import latency
+
+        return latency(self.program, self.design)
+
+    def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
+        """Discrete frequency response from an input (or noise source) to an output, live numbers as they are.
+
+        Parameters
+        ----------
+        output, input : str
+            Names; a noise source is ``"white(seed, stream)"``.
+        f : ndarray
+            Frequencies in Hz.
+
+        Returns
+        -------
+        ndarray of complex, the shape of f
+
+        Raises
+        ------
+        UnknownName
+            No such output or input.
+        SceneError
+            A block on the path is not linear and time-invariant.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc.response("y", "x", np.array([10.0]))
+        array([2.+0.j])
+        """
+        from .response import response
+
+        return response(self, output, input, np.asarray(f, float))
+
+
+class PlanRow(NamedTuple):
+    """One line of a plan."""
+
+    number: int
+    kind: str
+    block: str
+    clock: str
+    args: tuple[int, ...]
+    autonomous: bool
+    segment: str
+
+
+class Plan(NamedTuple):
+    """What a processor runs, in order, and what rewriting removed."""
+
+    rows: list[PlanRow]
+    removed: list[str]
+    fs: float
+
+    def __str__(self):
+        clock = max(len(r.clock) for r in self.rows)
+        lines = [f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before sample 0)"]
+        for r in self.rows:
+            text = r.block if r.kind in ("block", "input", "const") else f"{r.kind} {r.block}"
+            args = ", ".join(map(str, r.args))
+            mark = "*" if r.autonomous else " "
+            lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
+        return "\n".join(lines + [f"removed: {t}" for t in self.removed])

@@ -1,0 +1,87 @@
+"""Latency and frequency response of a whole program, from what its blocks say of themselves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import SceneError, UnknownName
+from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub
+from .lower import Program
+
+if TYPE_CHECKING:
+    from .processor import Processor
+
+
+def _sources(program: Program) -> dict[str, int]:
+    return program.inputs | program.noises
+
+
+def latency(program: Program, design: list[tuple[Any, Any]]) -> dict[tuple[str, str], tuple[float, float]]:
+    """(min, max) delay in samples over all paths from each source to each output.
+
+    Along a path the delays of the blocks add up; inside ``enabled`` they count samples of its own clock.
+    """
+    found: dict[tuple[str, str], tuple[float, float]] = {}
+    for source, start in _sources(program).items():
+        span: dict[int, tuple[float, float]] = {start: (0.0, 0.0)}
+        for i, q in enumerate(program.instances):
+            ways = [span[a] for a in q.args if a in span]
+            if ways and i != start:
+                d = q.block.delay(design[i][0]) if q.kind == "block" else 0.0
+                span[i] = min(w[0] for w in ways) + d, max(w[1] for w in ways) + d
+        found |= {(name, source): span[i] for name, i in program.outputs.items() if i in span}
+    return found
+
+
+def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.ndarray:
+    """See ``Processor.response``."""
+    program, design = proc.program, proc.design
+    for name, known in ((output, program.outputs), (source, _sources(program))):
+        if name not in known:
+            raise UnknownName(f"no {name!r}; there is {', '.join(known) or 'none'}")
+    z = np.exp(2j * np.pi * f / proc.fs)
+    start = _sources(program)[source]
+    H: dict[int, Any] = {start: np.ones_like(z)}  # of what the source reaches
+    value: dict[int, float] = {}  # of what is constant
+    for i, q in enumerate(program.instances):
+        if i == start:
+            continue
+        b = q.block
+        if isinstance(b, Const):
+            value[i] = b.value
+        elif isinstance(b, Param):
+            value[i] = proc.params[b.name]
+        elif isinstance(b, Map) and q.args and all(a in value for a in q.args):
+            value[i] = float(type(b).step((), (), *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
+        elif any(a in H for a in q.args):
+            if isinstance(b, Enabled):
+                if q.kind == "open":
+                    continue
+                raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
+            parts = [H.get(a) for a in q.args]
+            H[i] = _through(b, design[i][0], z, parts, [value.get(a) for a in q.args])
+            if H[i] is None:
+                raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
+    return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
+
+
+def _through(b: Any, p: Any, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
+    """Response after a block whose signals have responses H (None: the source does not reach it)."""
+    h = [0.0 if v is None else v for v in H]
+    if isinstance(b, Guard):
+        return H[0]
+    if isinstance(b, Add):
+        return h[0] + h[1]
+    if isinstance(b, Sub):
+        return h[0] - h[1]
+    if isinstance(b, Neg):
+        return -H[0]
+    if isinstance(b, Abs):
+        return None
+    if isinstance(b, Mul):
+        return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
+    if isinstance(b, Div):
+        return H[0] / value[1] if H[0] is not None and value[1] is not None else None
+    return type(b).transfer(p, z) * H[0] if type(b).transfer is not None else None

@@ -1,0 +1,198 @@
+"""A scene: named outputs, and the file it is kept in."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import importlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import SceneError, SceneFileError, StimlibError
+from .graph import Block, Input, Param, as_block, reach, registry, signals, type_name
+from .lower import lower
+
+VERSION = 1
+
+
+class Scene:
+    """Named outputs of a graph: what a researcher writes, saves, compiles and shares.
+
+    Parameters
+    ----------
+    outputs : dict of str to Block
+
+    Raises
+    ------
+    SceneError
+        No outputs; names used twice with different meaning; noise keys that collide.
+
+    Examples
+    --------
+    >>> from stimlib import Input, Param, Scene
+    >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
+    Scene(x [m], k [N/m] -> force [N])
+    """
+
+    def __init__(self, outputs: Mapping[str, Block]):
+        if not isinstance(outputs, Mapping) or not outputs:
+            raise SceneError('a scene needs named outputs, such as Scene({"force": force})')
+        for name in outputs:
+            if not isinstance(name, str) or not name.replace("_", "a").isalnum():
+                raise SceneError(f"output name {name!r} must be letters, digits and underscores")
+        self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
+        lower(self.outputs)  # finds what is wrong with the graph now, where it was written
+
+    @property
+    def inputs(self) -> dict[str, Input]:
+        """By name, in the order of first use."""
+        return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Input)}
+
+    @property
+    def params(self) -> dict[str, Param]:
+        """Live numbers by name."""
+        return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Param)}
+
+    def __repr__(self):
+        names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]
+        return f"Scene({', '.join(names) or 'no input'} -> {', '.join(f'{n} [{b.dim}]' for n, b in self.outputs.items())})"
+
+    # File --------------------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """The scene as plain JSON data: blocks by registered name, children before parents, arrays as lists."""
+        order = reach(self.outputs.values())
+        number = {id(b): i for i, b in enumerate(order)}
+        blocks = []
+        for b in order:
+            fields: dict[str, Any] = {}
+            for f in dc.fields(b):  # type: ignore[arg-type]
+                v = getattr(b, f.name)
+                if isinstance(v, Block):
+                    fields[f.name] = number[id(v)]
+                else:
+                    fields[f.name] = v.tolist() if isinstance(v, np.ndarray) else v
+            blocks.append({"block": type_name(type(b)), **fields})
+        return {"stimlib_scene": VERSION, "blocks": blocks, "outputs": {n: number[id(b)] for n, b in self.outputs.items()}}
+
+    @classmethod
+    def from_dict(cls, data: Any, where: str = "scene") -> Scene:
+        """A scene from ``to_dict`` data.  Only registered block classes are made; no code runs.
+
+        Raises
+        ------
+        SceneFileError
+            Newer version, unknown class, missing or surplus field, reference to a later block.
+        """
+        if not isinstance(data, dict) or "stimlib_scene" not in data:
+            raise SceneFileError(f"{where}: not a stimlib scene")
+        version = data["stimlib_scene"]
+        if version != VERSION:
+            raise SceneFileError(f"{where}: file version {version}, this stimlib reads {VERSION}: update stimlib")
+        importlib.import_module("stimlib.blocks")  # registers ours
+
+        made: list[Block] = []
+
+        def ref(v: Any, what: str) -> Block:
+            if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < len(made):
+                raise SceneFileError(f"{where}: {what} refers to {v!r}, which is not an earlier block")
+            return made[v]
+
+        entries, outputs = data.get("blocks"), data.get("outputs")
+        if not isinstance(entries, list) or not isinstance(outputs, dict):
+            raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
+        for i, entry in enumerate(entries):
+            if not isinstance(entry, dict) or not isinstance(entry.get("block"), str):
+                raise SceneFileError(f"{where}: block {i} has no class name")
+            name = entry["block"]
+            if name not in registry:
+                hint = f"import {name.rpartition('.')[0]} first" if "." in name else "update stimlib"
+                raise SceneFileError(f"{where}: block {i} is a {name!r}, which is not known here: {hint}")
+            kind = registry[name]
+            fields = {k: v for k, v in entry.items() if k != "block"}
+            known = {f.name for f in dc.fields(kind)}  # type: ignore[arg-type]
+            if set(fields) != known:
+                wrong = ", ".join(sorted(set(fields) ^ known))
+                raise SceneFileError(f"{where}: block {i} ({name}): fields {wrong} are missing or not known")
+            for s in signals(kind):
+                fields[s] = ref(fields[s], f"block {i} ({name}).{s}")
+            try:
+                made.append(kind(**fields))
+            except StimlibError as e:
+                raise SceneFileError(f"{where}: block {i} ({name}): {e}") from e
+            except (TypeError, ValueError, AttributeError) as e:
+                raise SceneFileError(f"{where}: block {i} ({name}) has a field of a wrong kind: {e}") from e
+        return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()})
+
+    @property
+    def hash(self) -> str:
+        """sha256 of the canonical JSON: equal for equal scenes on every machine."""
+        text = json.dumps(self.to_dict(), sort_keys=True, allow_nan=False, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the scene as JSON; the file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Raises
+        ------
+        SceneFileError
+            The folder is missing or cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> from stimlib import Input, Scene, load
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "scene.json"
+        >>> Scene({"y": 2 * Input("x")}).save(path)
+        >>> load(path)
+        Scene(x [1] -> y [1])
+        """
+        path = Path(path)
+        part = path.with_name(path.name + ".part")
+        try:
+            part.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+            os.replace(part, path)
+        except OSError as e:
+            part.unlink(missing_ok=True) if part.parent.is_dir() else None
+            raise SceneFileError(f"cannot write {path}: {e.strerror}") from e
+
+
+def load(path: str | os.PathLike) -> Scene:
+    """Read a scene that ``Scene.save`` wrote.  The file is data: nothing in it is executed.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    SceneFileError
+        Missing, damaged or newer file; a block class that is not imported.
+
+    Examples
+    --------
+    See ``Scene.save``.
+    """
+    try:
+        data = json.loads(Path(path).read_text(), parse_constant=_no_constant)
+    except OSError as e:
+        raise SceneFileError(f"cannot read {path}: {e.strerror}") from e
+    except (ValueError, RecursionError) as e:
+        raise SceneFileError(f"{path}: not JSON ({e})") from e
+    return Scene.from_dict(data, str(path))
+
+
+def _no_constant(text: str) -> Any:
+    raise ValueError(f"{text} is not a finite number")

@@ -1,0 +1,72 @@
+"""Multimodal squeezing of a virtual object: paper 000 (UGrip), sections 1.1 and 2.1, for thumb and index finger."""
+
+from math import pi
+
+from ..blocks import constant, differentiator, enabled, loading, nonzero, pink_noise, spring, velocity
+from ..graph import Input, Param
+from ..scene import Scene
+
+
+def squeeze(
+    k: float = 2000.0,
+    A: float = 3.4,
+    level: float = 1.0,
+    fingers: int = 2,
+    seed: int = 0,
+    passband: float = 1000.0,
+    f_low: float = 10.0,
+    tol_db: float = 0.01,
+    cutoff: float = 100.0,
+    resolution: float = 1e-6,
+) -> Scene:
+    """Forces of a squeezed object: a spring, and vibration while it is being loaded.
+
+    For each finger, with its own noise, F = k x + dF and, eq. (2), dF = A r dp/dt with r = Z_n v.  In the experiment
+    Z_n = k/s is used on the increment dx per sample of the paper's 8 kHz controller, so that the vibration's amplitude is
+    constant at constant loading rate (fig. 4): dF = A (k tau v)(tau dp/dt), tau = 1/8000 s at every sample rate.
+
+    Parameters
+    ----------
+    k : float
+        Stiffness in N/m, live as ``k``.  Reference k0 = 2000 N/m.
+    A : float
+        Vibration gain, live as ``A``; 0 skips the noise altogether.  A0 = 3.4.
+    level : float
+        Noise level, live as ``level``; 1 is pink noise with one-sided PSD 1/(pi f).
+    fingers : int
+        Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``, ``force2``, .. in N.
+    seed : int
+        Of the noise; finger i has stream i.
+    passband : float
+        Of the differentiator, in Hz; the stop band begins at 1.5 passband.
+    f_low, tol_db : float
+        Lower edge (Hz) and accuracy of the pink noise.
+    cutoff : float
+        Of the velocity estimate, in Hz.
+    resolution : float
+        Encoder step in m, for the loading gate.
+
+    Returns
+    -------
+    Scene
+
+    References
+    ----------
+    Paper 000, eq. (2), section 2.1, fig. 4.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import squeeze
+    >>> squeeze(fingers=1)
+    Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
+    """
+    k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
+    tau = constant(1 / 8000, "s")  # the paper's sample period
+    outputs = {}
+    for i in range(1, fingers + 1):
+        x = Input(f"x{i}", "m")
+        v = velocity(x, cutoff)
+        dp = differentiator(pink_noise(1 / pi, seed, stream=i, f_low=f_low, tol_db=tol_db), passband=passband)
+        noise = enabled(dp, by=loading(v, resolution=resolution) * nonzero(A_ * level_))
+        outputs[f"force{i}"] = spring(x, k_) + (A_ * level_) * (k_ * tau * v) * (tau * noise)
+    return Scene(outputs)

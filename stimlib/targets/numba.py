@@ -1,0 +1,368 @@
+"""Streaming on the CPU: one compiled segment per block class, called from a table.
+
+Compiling a scene only fills tables; what takes time, a segment, is compiled once per machine and kept in a cache that all
+processes share.  Files there are named by their content (the text of the step, of every helper and constant it uses, of
+the runtime, and the versions), because numba alone does not notice an edit in an imported file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import re
+import sys
+import tempfile
+import types
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+import platformdirs
+
+from .. import maths, steps
+from ..errors import SceneError
+from ..graph import kind, memo, pack
+from ..lower import PARAMS, ROOT, Program
+from . import native
+
+TILE = 64
+_folder: Path | None = None
+
+
+# The cache -----------------------------------------------------------------------------------------------------------
+def folder() -> Path:
+    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder."""
+    global _folder
+    wanted = Path(os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib"))
+    if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
+        try:
+            (wanted / "__pycache__").mkdir(parents=True, exist_ok=True)
+            for place in (wanted, wanted / "__pycache__"):
+                with tempfile.TemporaryFile(dir=place) as f:
+                    f.write(b"\0" * 65536)
+            _folder = wanted
+        except OSError as e:
+            _temporary(wanted, e)
+    assert _folder is not None
+    return _folder
+
+
+def _temporary(wanted: Path, why: OSError) -> None:
+    global _folder
+    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    warnings.warn(
+        f"the cache folder {wanted} cannot be written ({why.strerror or why}): compiling into {_folder} for this process; "
+        "set STIMLIB_CACHE to a folder that can",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+
+
+@cache
+def _salt() -> str:
+    runtime = Path(__file__).with_name("runtime.py").read_text()
+    config: Any = numba.config
+    flags = f"{numba.__version__} {llvmlite.__version__} {sys.version_info[:2]} {config.BOUNDSCHECK} {config.OPT}"
+    return inspect.getsource(native) + inspect.getsource(maths) + runtime + flags
+
+
+def load(text: str, stem: str) -> types.ModuleType:
+    """Import generated text from a cache file named by its content."""
+    name = f"{stem}_{hashlib.sha256((text + _salt()).encode()).hexdigest()[:20]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    for attempt in (0, 1):
+        path = folder() / f"{name}.py"
+        try:
+            if not path.exists():
+                with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as f:
+                    f.write(text)
+                try:
+                    os.link(f.name, path)  # whoever comes first wins, and the file's time never changes again
+                except FileExistsError:
+                    pass
+                except OSError:  # a file system without links
+                    os.replace(f.name, path)
+                finally:
+                    Path(f.name).unlink(missing_ok=True)
+            spec = importlib.util.spec_from_file_location(name, path)
+            assert spec and spec.loader
+            module = importlib.util.module_from_spec(spec)
+            sys.modules[name] = module
+            spec.loader.exec_module(module)
+            return module
+        except OSError as e:  # full or gone in the middle
+            sys.modules.pop(name, None)
+            if attempt:
+                raise
+            _temporary(path.parent, e)
+    raise AssertionError
+
+
+@cache
+def _runtime() -> types.ModuleType:
+    return load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
+
+
+# One class to one segment --------------------------------------------------------------------------------------------
+_HEAD = """from collections import namedtuple
+import numpy as np
+from numba import carray, cfunc, njit
+from stimlib.targets import native
+from stimlib.targets.native import SEGMENT, as_u8, at
+"""
+
+
+def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
+    """Text of a function under a name, after that of every helper, constant and NamedTuple it uses."""
+    for n, v in steps.names(f).items():
+        if n in done:
+            if done[n] is not v and done[n] != v:
+                raise SceneError(f"{f.__qualname__}: {n!r} means different things in its helpers; rename one")
+            continue
+        done[n] = v
+        if v is abs or v is range:
+            continue
+        if v is np:
+            out.append(f"import numpy as {n}")
+        elif v is maths:
+            out.append(f"{n} = native")
+        elif getattr(v, "__module__", "") == maths.__name__ and callable(v) or getattr(maths, n, None) is v:
+            out.append(f"{n} = native.{getattr(v, '__name__', n)}")
+        elif isinstance(v, type) and hasattr(v, "_fields"):
+            out.append(_tuple_text(n, v))
+        elif v in (np.uint64, np.int64, np.float64):
+            out.append(f"{n} = np.{v.__name__}")
+        elif isinstance(v, types.FunctionType):
+            _embed(v, n, done, out)
+        elif isinstance(v, np.uint64):
+            out.append(f"{n} = np.uint64({int(v)})")
+        elif isinstance(v, (bool, int, float)):
+            out.append(f"{n} = float({str(float(v))!r})" if isinstance(v, float) else f"{n} = {v!r}")
+        else:
+            raise SceneError(
+                f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level numbers, NamedTuples and helper "
+                "functions; put arrays into the parameters that design(fs) returns"
+            )
+    text = re.sub(r"^def \w+", f"def {name}", steps.source(f))
+    out.append(f'@njit(error_model="numpy", inline="always")\n{text}')
+
+
+def _tuple_text(name: str, t: type) -> str:
+    return f"{name} = namedtuple({t.__name__!r}, {t._fields!r})"  # type: ignore[attr-defined]
+
+
+@memo
+def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int):
+    """The segment of a block class whose parameters and states have these kinds of fields."""
+    f = cls.tile or cls.step  # type: ignore[attr-defined]
+    steps.check(f)
+    out, done = [_HEAD], {}
+    for t, fields in ((p_type, p_kinds), (s_type, s_kinds)):
+        if fields and t.__name__ not in done:
+            done[t.__name__] = t
+            out.append(_tuple_text(t.__name__, t))
+    _embed(f, "block", done, out)
+    at, p_args = 0, []
+    for k in p_kinds:
+        if k in "FU":
+            p_args.append(f"carray(at({'C' if k == 'U' else 'P'}, np.int64(C[{at}])), np.int64(C[{at + 1}]))")
+        else:
+            p_args.append(f"{'C' if k == 'u' else 'P'}[{at}]")
+        at += 2 if k in "FU" else 1
+    before, after, s_args, place = ["C = as_u8(P)", "Z = as_u8(S)"], [], [], "0"
+    for k, name in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
+        memory = "Z" if k in "uU" else "S"
+        if k in "FU":
+            before.append(f"z_{name} = np.int64(C[{at}])")
+            s_args.append(f"carray(at({memory}, {place}), z_{name})")
+            place += f" + z_{name}"
+            at += 1
+        else:
+            s_args.append(f"{memory}[{place}]")
+            after.append(f"{memory}[{place}] = s.{name}")
+            place += " + 1"
+    before.append(f"p = {p_type.__name__}({', '.join(p_args)})" if p_kinds else "p = ()")
+    before.append(f"s = {s_type.__name__}({', '.join(s_args)})" if s_kinds else "s = ()")
+    before += [f"x{j} = carray(at(W, A[{j}]), n)" for j in range(inputs)] + [f"y = carray(at(W, A[{inputs}]), n)"]
+    if cls.tile:  # type: ignore[attr-defined]
+        scratch = [f"carray(at(W, A[{inputs + 1}]), np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
+        body = [f"s = block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})"]
+    else:
+        body = ["for i in range(n):", f"    y[i], s = block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"]
+    lines = "\n".join("    " + text for text in [*before, *body, *after])
+    out.append(f'@cfunc(SEGMENT, cache=True, error_model="numpy")\ndef segment(P, S, W, A, n):\n{lines}\n')
+    try:
+        return load("\n".join(out), _owner(cls).__name__)
+    except numba.core.errors.NumbaError as e:
+        raise SceneError(f"{cls.__name__}: the step does not compile: {str(e).strip().splitlines()[-1]}\n{e}") from None
+
+
+def _owner(cls: type) -> type:
+    """The class that wrote the step: all classes on top of it share one segment."""
+    return next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
+
+
+def _kinds(t: Any) -> str:
+    return "".join(kind(v) for v in t)
+
+
+# A program to a table ------------------------------------------------------------------------------------------------
+class Engine:
+    """Tables and memory of one compiled program; ``words`` is its whole state."""
+
+    def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
+        runtime = _runtime()
+        instances, clocks = program.instances, len(program.parents)
+        slot: dict[Any, int] = {}
+        for i in program.inputs.values():
+            slot[i] = len(slot) * TILE
+        P: list[np.ndarray] = []
+        p_at = 0
+        A: list[int] = []
+        rows: list[tuple[int, int, int, int, int, int]] = []
+        self.segments: list[str] = [""] * len(instances)
+        state_at = 0
+        self._place: dict[int, int] = {}  # of each Param's state
+        constants = []
+        scratch = TILE
+        work_slots: list[int] = []
+
+        def place(key: Any) -> int:
+            return slot.setdefault(key, len(slot) * TILE)
+
+        def arg(i: int, clock: int) -> int:
+            """Slot of an argument; a live number is first gathered onto a child clock."""
+            q = instances[i]
+            if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
+                return place(i)
+            if (i, clock) not in slot:
+                rows.append((runtime.GATHER, 0, 0, len(A), clock, 1))
+                A.extend([place(i), place((i, clock))])
+            return slot[i, clock]
+
+        for i, q in enumerate(instances):
+            if q.kind == "input":
+                continue
+            if q.kind == "const":
+                constants.append((place(i), q.block.value))  # type: ignore[attr-defined]
+            elif q.kind == "open":
+                w = [arg(q.args[0], q.clock), q.child]
+                rows.append((runtime.OPEN, 0, 0, len(A), q.clock, q.autonomous))
+                A.extend(w)
+            elif q.kind == "close":
+                w = [arg(q.args[1], q.child), place(i), q.child]
+                rows.append((runtime.CLOSE, 0, 0, len(A), q.clock, q.autonomous))
+                A.extend(w)
+            else:
+                p, s = design[i]
+                b = q.block
+                cls = type(b)
+                f = cls.tile or cls.step
+                assert f is not None, f"{cls.__name__} has neither step nor tile"
+                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), len(q.args))
+                self.segments[i] = segment.__name__
+                w = [arg(a, q.clock) for a in q.args] + [place(i)]
+                sizes = [v.size for v in s if isinstance(v, np.ndarray)]
+                if b.work:
+                    sizes.append(b.work(p))
+                    scratch = max(scratch, sizes[-1])
+                    work_slots.append(len(A) + len(w))
+                    w.append(-1)
+                words, payload = _parameter_words(p, sizes)
+                rows.append((segment.segment.address, p_at, state_at, len(A), q.clock, q.autonomous))
+                A.extend(w)
+                P += [words, *payload]
+                p_at += words.size + sum(v.size for v in payload)
+                if i in program.params.values():
+                    self._place[i] = state_at
+                state_at += pack(s).size
+        outs_at = len(A)
+        A += [slot[o] for o in program.outputs.values()]
+        for j in work_slots:
+            A[j] = len(slot) * TILE
+        self.table = np.array(rows, np.int64).reshape(-1, 6)
+        self.P = np.concatenate([np.zeros(0, np.uint64), *P]) if P else np.zeros(1, np.uint64)
+        self.A = np.array(A, np.int64)
+        self.S = np.zeros(max(state_at, 1), np.uint64)
+        self.W = np.zeros(len(slot) * TILE + scratch)
+        for k, v in constants:
+            self.W[k : k + TILE] = v
+        self.N = np.zeros(clocks, np.int64)
+        self.index = np.zeros(clocks * 2 * TILE, np.int64)
+        self.pending = np.zeros((max(1, len(program.params)), 4), np.int64)
+        self._param = {i: j for j, i in enumerate(program.params.values())}
+        for i, j in self._param.items():
+            self.pending[j, 1] = self._place[i]
+        self.size = state_at
+        self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
+        self.ctx = np.array(
+            [
+                len(rows), *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)), len(program.inputs),
+                len(program.outputs), outs_at, self.N.ctypes.data, self.index.ctypes.data, clocks, -1, self.pending.ctypes.data,
+                len(program.params), 0, runtime.entry.address,
+            ], np.int64,
+        )  # fmt: skip
+        self.address = int(runtime.entry.address), int(self.ctx.ctypes.data)
+        self.runner = runtime.process
+
+    def process(self, x: np.ndarray, out: np.ndarray) -> int:
+        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
+        return self.runner(self.ctx, x, out)
+
+    def warm(self, clock: int, n: int) -> None:
+        """Run only what is autonomous, for n samples of one clock."""
+        self.ctx[12] = clock
+        self.process(np.zeros((len(self._empty[0]), n)), np.zeros((len(self._empty[1]), n)))
+        self.ctx[12] = -1
+
+    def set(self, i: int, target: float, left: float) -> None:
+        """Send Param instance i towards target over so many samples, from the next sample on."""
+        q = self.pending[self._param[i]]
+        q[2:4] = np.array([target, left]).view(np.int64)
+        q[0] = 1
+
+    @property
+    def count(self) -> int:
+        """Samples processed."""
+        return int(self.ctx[15])
+
+    @count.setter
+    def count(self, n: int) -> None:
+        self.ctx[15] = n
+
+    def peek(self) -> np.ndarray:
+        """The states as they are, without touching anything; safe while another thread runs the program."""
+        return self.S[: self.size].copy()
+
+    @property
+    def words(self) -> np.ndarray:
+        """All states in canonical order (a copy)."""
+        self.process(*self._empty)  # takes pending settings in
+        return self.S[: self.size].copy()
+
+    @words.setter
+    def words(self, w: np.ndarray) -> None:
+        self.pending[:, 0] = 0
+        self.S[: self.size] = w
+
+
+def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Words of one row: numbers, (offset, size) of arrays, sizes of state arrays and scratch; then the arrays."""
+    arrays = [np.ascontiguousarray(v).view(np.uint64) for v in p if isinstance(v, np.ndarray)]
+    end = sum(2 if isinstance(v, np.ndarray) else 1 for v in p) + len(sizes)
+    words: list[np.ndarray] = []
+    for v in p:
+        if isinstance(v, np.ndarray):
+            words.append(np.array([end, v.size], np.uint64))
+            end += v.size
+        else:
+            words.append(pack((v,)))
+    words.append(np.array(sizes, np.uint64))
+    return np.concatenate(words), arrays

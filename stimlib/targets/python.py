@@ -1,0 +1,95 @@
+"""The reference: the program sample by sample, no compiler.  What this prints is what a scene means."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..graph import Param, pack, unpack
+from ..lower import PARAMS, ROOT, Program
+
+
+class Engine:
+    """Runs a program; ``words`` is its whole state.  See ``stimlib.processor`` for the public face."""
+
+    address = None
+
+    def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
+        self.program = program
+        self.count = 0
+        self.p = [unpack(p, pack(p)) for p, _ in design]
+        self.s = [unpack(s, pack(s)) for _, s in design]
+        blocks = [q.block for q in program.instances]
+        self.work = [np.zeros(b.work(p) if b.work else 0) for b, p in zip(blocks, self.p, strict=True)]
+
+    def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, float]:
+        """Values of all instances at one sample of a clock, and of whatever that enables."""
+        on = [False] * len(self.program.parents)
+        on[PARAMS] = on[clock] = True
+        v: dict[int, float] = dict(x)
+        for i, q in enumerate(self.program.instances):
+            if not on[q.clock] or (warm and not q.autonomous):
+                continue
+            if q.kind == "open":
+                on[q.child] = bool(v[q.args[0]] > 0.0)
+            elif q.kind == "close":
+                v[i] = v[q.args[1]] if on[q.child] else np.float64(0.0)
+            elif q.kind == "const":
+                v[i] = np.float64(q.block.value)  # type: ignore[attr-defined]
+            elif q.kind == "block":
+                v[i] = self.step(i, [v[a] for a in q.args])
+        return v
+
+    def step(self, i: int, x: list[float]) -> float:
+        """One sample of one block."""
+        block = self.program.instances[i].block
+        if block.step is not None:
+            y, self.s[i] = block.step(self.p[i], self.s[i], *x)
+            return np.float64(y)
+        tile = np.empty(1)
+        scratch = (self.work[i],) if block.work else ()
+        self.s[i] = block.tile(self.p[i], self.s[i], *(np.array([v]) for v in x), tile, *scratch)  # type: ignore[misc]
+        return tile[0]
+
+    def process(self, x: np.ndarray, out: np.ndarray) -> int:
+        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
+        inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
+        if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
+            return 1
+        with np.errstate(all="ignore"):
+            for n in range(x.shape[1]):
+                v = self.sample(dict(zip(inputs, x[:, n], strict=True)))
+                out[:, n] = [v[o] for o in outputs]
+        self.count += x.shape[1]
+        return 0
+
+    def warm(self, clock: int, n: int) -> None:
+        """Run only what is autonomous, for n samples of one clock."""
+        with np.errstate(all="ignore"):
+            for _ in range(n):
+                self.sample({}, clock, warm=True)
+
+    def set(self, i: int, target: float, left: float) -> None:
+        """Send Param instance i towards target over so many samples, from the next sample on."""
+        assert isinstance(self.program.instances[i].block, Param)
+        self.s[i] = self.s[i]._replace(target=np.float64(target), left=np.float64(left))
+
+    @property
+    def words(self) -> np.ndarray:
+        """All states in canonical order (a copy)."""
+        parts = [pack(s) for s, q in zip(self.s, self.program.instances, strict=True) if q.kind == "block"]
+        return np.concatenate(parts) if parts else np.zeros(0, np.uint64)
+
+    @words.setter
+    def words(self, w: np.ndarray) -> None:
+        at = 0
+        for i, q in enumerate(self.program.instances):
+            if q.kind == "block":
+                n = pack(self.s[i]).size
+                self.s[i] = unpack(self.s[i], w[at : at + n])
+                at += n
+
+    def peek(self) -> np.ndarray:
+        """The states as they are."""
+        return self.words

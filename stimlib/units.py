@@ -1,0 +1,114 @@
+"""Units of nodes: SI, coherent, no prefixes.  pint knows the names; here only the exponents are kept."""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+
+from .errors import UnitError
+
+_SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2")
+
+
+class Unit:
+    """A product of powers of SI base units.
+
+    Compare with ``==``; multiply, divide and raise with the usual operators.  ``str`` gives the field's
+    name where there is one (``"N"``) and base units otherwise.
+
+    Examples
+    --------
+    >>> from stimlib.units import unit
+    >>> str(unit("N/m") * unit("m"))
+    'N'
+    """
+
+    __slots__ = ("powers",)
+
+    def __init__(self, powers: tuple[tuple[str, float], ...]):
+        self.powers = powers  # sorted ((base unit, exponent), ...), no zero exponents
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unit) and self.powers == other.powers
+
+    def __hash__(self) -> int:
+        return hash(self.powers)
+
+    def __mul__(self, other: Unit) -> Unit:
+        return _combine(self, other, 1.0)
+
+    def __truediv__(self, other: Unit) -> Unit:
+        return _combine(self, other, -1.0)
+
+    def __pow__(self, n: float) -> Unit:
+        return _combine(ONE, self, n)
+
+    def __str__(self) -> str:
+        return _names().get(self) or "*".join(u if p == 1 else f"{u}**{p:g}" for u, p in self.powers)
+
+    def __repr__(self) -> str:
+        return f"unit({str(self)!r})"
+
+
+ONE = Unit(())
+
+
+@lru_cache(maxsize=4096)
+def _combine(a: Unit, b: Unit, n: float) -> Unit:
+    total = dict(a.powers)
+    for name, p in b.powers:
+        total[name] = total.get(name, 0.0) + n * p
+    return Unit(tuple(sorted((k, v) for k, v in total.items() if v)))
+
+
+@cache
+def _names() -> dict[Unit, str]:
+    return {ONE: "1", unit("1/s"): "1/s", **{unit(s): s for s in _SHOWN}}
+
+
+@cache
+def _registry():
+    import pint  # here, because it takes longer to load than the rest of stimlib together
+
+    return pint.UnitRegistry()
+
+
+@cache
+def unit(text: str) -> Unit:
+    """Parse the name of a coherent SI unit.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"m"``, ``"N/m"``, ``"N*s/m"``; ``""`` and ``"1"`` mean no unit.
+
+    Returns
+    -------
+    Unit
+
+    Raises
+    ------
+    UnitError
+        If the name is unknown, or carries a prefix or factor (``"mm"``: use ``"m"``).
+
+    Examples
+    --------
+    >>> from stimlib.units import unit
+    >>> unit("N*s/m") == unit("kg/s")
+    True
+    """
+    if text in ("", "1"):
+        return ONE
+    import pint
+
+    try:
+        base = _registry().Quantity(1.0, text).to_base_units()
+    except (pint.errors.PintError, TypeError, ValueError, AttributeError, SyntaxError, AssertionError) as e:
+        raise UnitError(f"unknown unit {text!r}: use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
+    powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
+    if abs(base.magnitude - 1.0) > 1e-12:
+        plain = Unit(powers)
+        raise UnitError(
+            f"unit {text!r} is {base.magnitude:g} {plain}: inside stimlib everything is coherent SI without prefixes; "
+            f"use {str(plain)!r} and multiply your numbers by {base.magnitude:g}"
+        )
+    return Unit(powers)
