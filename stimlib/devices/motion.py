@@ -1,0 +1,591 @@
+"""Motion generators: positions as pure functions of time.
+
+A generator is called with times in seconds and gives positions in metres. It has no state, so any part of a motion
+can be had in any order, and every position has the same bits however the time axis is cut, on every machine: only
++ - * /, fmod, rint, floor, comparisons and integer arithmetic are used, which round the same way everywhere. numpy's
+own sin and cos are not used, because their last bit may depend on the processor and on the length of the array.
+
+The classes have lower-case names because they are what users call, and because the repr of a motion is then the call
+that makes it: ``parse_motion(repr(m)) == m``. A motion goes into a sidecar or a command line as that one line.
+"""
+
+import ast
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite, pi, ulp
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import BadValue
+
+Array = NDArray[np.float64]
+
+MAX_SPEC = 10_000  # characters of a text that parse_motion looks at
+
+
+class Motion:
+    """A position in metres as a function of the time in seconds; the base of all generators.
+
+    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by element.
+
+    Raises
+    ------
+    BadValue
+        At construction, when a number is not finite or not in its range.
+    """
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Position at the times t.
+
+        Parameters
+        ----------
+        t : array_like, any shape, s
+            Finite times.
+
+        Returns
+        -------
+        ndarray of float64, shape of t, m
+
+        Examples
+        --------
+        >>> minimum_jerk(depth=0.02)([0.0, 0.15, 0.3]).tolist()
+        [0.0, 0.01, 0.02]
+        """
+        time = np.asarray(t, dtype=np.float64)
+        return self._position(time.reshape(-1)).reshape(time.shape)
+
+    def _position(self, t: Array) -> Array:
+        raise NotImplementedError
+
+    def _numbers(self, *names: str) -> None:
+        """Replace fields by plain floats (a numpy scalar has another repr); an error if one is not finite."""
+        for name in names:
+            value = getattr(self, name)
+            try:
+                if isinstance(value, bool):
+                    raise TypeError
+                number = float(value)
+            except (TypeError, ValueError, OverflowError):
+                self._refuse(name, "a finite number")
+            if isinstance(value, str) or not isfinite(number):
+                self._refuse(name, "a finite number")
+            object.__setattr__(self, name, number)
+
+    def _positive(self, *names: str) -> None:
+        self._numbers(*names)
+        for name in names:
+            if getattr(self, name) <= 0:
+                self._refuse(name, "above 0")
+
+    def _not_negative(self, *names: str) -> None:
+        self._numbers(*names)
+        for name in names:
+            if getattr(self, name) < 0:
+                self._refuse(name, "0 or above")
+
+    def _integer(self, name: str, low: int, high: int) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
+            self._refuse(name, f"a whole number from {low} to {high}")
+        object.__setattr__(self, name, int(value))
+
+    def _callable(self, name: str) -> None:
+        if not callable(getattr(self, name)):
+            self._refuse(name, "a motion, such as minimum_jerk()")
+
+    def _refuse(self, name: str, wanted: str) -> NoReturn:
+        raise BadValue(f"{type(self).__name__}: {name} must be {wanted}, got {_short(getattr(self, name))}") from None
+
+
+@dataclass(frozen=True)
+class minimum_jerk(Motion):
+    """Repeated squeezes: minimum jerk in, hold, minimum jerk out, rest.
+
+    The rise is ``start + depth (10 s^3 - 15 s^4 + 6 s^5)`` with s from 0 to 1 over ``rise`` seconds; the fall is its
+    mirror image. The period is rise + hold + fall + rest. The position is ``start`` before time 0 and after the last
+    squeeze.
+
+    Parameters
+    ----------
+    depth : float, m
+        Distance of the squeeze; negative for an opening movement.
+    start : float, m
+        Position at rest.
+    rise, fall : float, s
+        Durations of the two movements, above 0.
+    hold, rest : float, s
+        Durations at ``start + depth`` and at ``start``, 0 or above.
+    repeats : int or None
+        Number of squeezes; None for ever.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When a number is not finite or not in its range.
+
+    References
+    ----------
+    T. Flash and N. Hogan, "The coordination of arm movements", J. Neurosci. 5 (1985), the point-to-point solution.
+
+    Examples
+    --------
+    >>> squeeze = minimum_jerk(depth=0.02, rise=0.3, hold=0.2, fall=0.3, rest=0.4)
+    >>> squeeze([0.0, 0.15, 0.4, 0.65, 1.0, 1.4]).round(4).tolist()
+    [0.0, 0.01, 0.02, 0.01, 0.0, 0.0158]
+    """
+
+    depth: float = 0.02
+    start: float = 0.0
+    rise: float = 0.3
+    hold: float = 0.2
+    fall: float = 0.3
+    rest: float = 0.4
+    repeats: int | None = None
+
+    def __post_init__(self) -> None:
+        self._numbers("depth", "start")
+        self._positive("rise", "fall")
+        self._not_negative("hold", "rest")
+        if self.repeats is not None:
+            self._integer("repeats", 1, 2**53)
+
+    def _position(self, t: Array) -> Array:
+        period = self.rise + self.hold + self.fall + self.rest
+        end = np.inf if self.repeats is None else self.repeats * period
+        u = np.fmod(np.where(t < end, np.maximum(t, 0.0), 0.0), period)
+        falling = u - (self.rise + self.hold)
+        s = np.where(falling < 0, u / self.rise, (self.fall - falling) / self.fall)
+        s = np.minimum(np.maximum(s, 0.0), 1.0)
+        return self.start + self.depth * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+
+
+@dataclass(frozen=True)
+class sinusoid(Motion):
+    """``mean + amplitude sin(2 pi freq t + phase)``.
+
+    The phase is reduced in turns, not in radians, so a motion of hours has no drift, and sin is a polynomial of fixed
+    order (error below 3e-16 of the amplitude) with the same bits on every machine.
+
+    Parameters
+    ----------
+    amplitude : float, m
+        Half of the distance between the two ends.
+    freq : float, Hz
+        Frequency, above 0.
+    mean : float, m
+        Middle of the motion.
+    phase : float, rad
+        Phase at time 0.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When a number is not finite or not in its range.
+
+    Examples
+    --------
+    >>> sinusoid(0.01, 1.0, mean=0.02)([0.0, 0.25, 0.5, 3600.75]).tolist()
+    [0.02, 0.03, 0.02, 0.01]
+    """
+
+    amplitude: float
+    freq: float
+    mean: float = 0.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._numbers("amplitude", "mean", "phase")
+        self._positive("freq")
+
+    def _position(self, t: Array) -> Array:
+        return self.mean + self.amplitude * _sin_turns(self.freq * t + self.phase / (2 * pi))
+
+
+@dataclass(frozen=True)
+class ramp_and_hold(Motion):
+    """From 0 to ``depth`` at constant speed, a hold, and back at constant speed if asked.
+
+    Parameters
+    ----------
+    depth : float, m
+        Position of the hold.
+    rise : float, s
+        Duration of the ramp, above 0.
+    start_time : float, s
+        When the ramp starts, 0 or above.
+    hold : float or None, s
+        Duration of the hold; None for ever.
+    fall : float or None, s
+        Duration of the ramp back to 0; given exactly when ``hold`` is.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When a number is not finite or not in its range, or when only one of hold and fall is given.
+
+    Examples
+    --------
+    >>> ramp_and_hold(0.01, rise=0.5, start_time=1.0, hold=2.0, fall=0.25)([0.5, 1.25, 3.0, 3.625, 4.0]).tolist()
+    [0.0, 0.005, 0.01, 0.005, 0.0]
+    """
+
+    depth: float
+    rise: float
+    start_time: float = 0.0
+    hold: float | None = None
+    fall: float | None = None
+
+    def __post_init__(self) -> None:
+        self._numbers("depth")
+        self._positive("rise")
+        self._not_negative("start_time")
+        if (self.hold is None) != (self.fall is None):
+            raise BadValue("ramp_and_hold: give both hold and fall, or neither to hold for ever")
+        if self.hold is not None:
+            self._not_negative("hold")
+            self._positive("fall")
+
+    def _position(self, t: Array) -> Array:
+        u = t - self.start_time
+        s = np.minimum(np.maximum(u / self.rise, 0.0), 1.0)
+        if self.hold is not None and self.fall is not None:
+            falling = u - (self.rise + self.hold)
+            s = np.minimum(s, np.maximum((self.fall - falling) / self.fall, 0.0))
+        return self.depth * s
+
+
+@dataclass(frozen=True)
+class constant_speed(Motion):
+    """Strokes at constant speed.
+
+    Back and forth, the position is a triangle between ``start`` and ``start + length`` for ever; otherwise it is one
+    stroke, and then the far end. The position is ``start`` before time 0.
+
+    Parameters
+    ----------
+    speed : float, m/s
+        Speed, above 0.
+    length : float, m
+        Length of a stroke, above 0.
+    start : float, m
+        Where the first stroke starts.
+    back_and_forth : bool
+        Whether strokes are repeated in both directions.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When a number is not finite or not in its range.
+
+    Examples
+    --------
+    >>> constant_speed(0.1, 0.05)([0.0, 0.25, 0.5, 0.75, 1.0]).round(6).tolist()
+    [0.0, 0.025, 0.05, 0.025, 0.0]
+    >>> constant_speed(0.1, 0.05, back_and_forth=False)([0.25, 0.5, 0.75]).tolist()
+    [0.025, 0.05, 0.05]
+    """
+
+    speed: float
+    length: float
+    start: float = 0.0
+    back_and_forth: bool = True
+
+    def __post_init__(self) -> None:
+        self._positive("speed", "length")
+        self._numbers("start")
+        if not isinstance(self.back_and_forth, bool | np.bool_):
+            self._refuse("back_and_forth", "True or False")
+        object.__setattr__(self, "back_and_forth", bool(self.back_and_forth))
+
+    def _position(self, t: Array) -> Array:
+        way = self.speed * np.maximum(t, 0.0)
+        if not self.back_and_forth:
+            return self.start + np.minimum(way, self.length)
+        way = np.fmod(way, 2 * self.length)
+        return self.start + np.minimum(way, 2 * self.length - way)
+
+
+@dataclass(frozen=True)
+class staircase_hold(Motion):
+    """A staircase of held positions: ``start``, then one ``step`` further after each ``dwell``, ``n_steps`` times.
+
+    A dwell of a whole number of samples changes on exactly that sample. The last position is held for ever.
+
+    Parameters
+    ----------
+    step : float, m
+        Height of a step; negative for stairs that go down.
+    n_steps : int
+        Number of steps, 0 or above; there are n_steps + 1 positions.
+    dwell : float, s
+        Duration of each position but the last, above 0.
+    start : float, m
+        First position.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When a number is not finite or not in its range.
+
+    Examples
+    --------
+    >>> staircase_hold(0.001, n_steps=2, dwell=0.1)([0.0, 0.1, 0.15, 0.2, 0.3]).tolist()
+    [0.0, 0.001, 0.001, 0.002, 0.002]
+    """
+
+    step: float
+    n_steps: int
+    dwell: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._numbers("step", "start")
+        self._integer("n_steps", 0, 2**53)
+        self._positive("dwell")
+
+    def _position(self, t: Array) -> Array:
+        level = _floor(t / self.dwell)
+        return self.start + self.step * np.minimum(np.maximum(level, 0.0), float(self.n_steps))
+
+
+@dataclass(frozen=True)
+class quantised(Motion):
+    """A motion as an encoder reports it: rounded to whole codes, half to even.
+
+    Parameters
+    ----------
+    motion : Motion
+        The true motion; any function of time that gives metres will do.
+    resolution : float, m
+        Distance between two codes, above 0; the squeeze device of paper 000 has 1 um.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When motion is not callable or resolution not finite and above 0.
+
+    Examples
+    --------
+    >>> quantised(constant_speed(0.1, 0.05), 0.01)([0.0, 0.12, 0.18, 0.26]).tolist()
+    [0.0, 0.01, 0.02, 0.03]
+    """
+
+    motion: Callable[[Array], Array]
+    resolution: float
+
+    def __post_init__(self) -> None:
+        self._callable("motion")
+        self._positive("resolution")
+
+    def _position(self, t: Array) -> Array:
+        return np.rint(self.motion(t) / self.resolution) * self.resolution
+
+
+@dataclass(frozen=True)
+class jittered(Motion):
+    """A motion with the toggling of an encoder that sits near the edge of a code.
+
+    ``amplitude_codes * resolution`` is added during about half of the intervals of 1/rate seconds. Inside
+    `quantised`, with one code of amplitude, a held position then toggles between two adjacent codes:
+    ``quantised(jittered(m, q, rate, seed), q)``. Half an amplitude is added in the mean.
+
+    Interval i = floor(t rate) adds the amplitude when the top bit of number i of a SplitMix64 generator is set. That
+    generator is a function of the number's index, so any interval can be had without those before it. An interval of
+    a whole number of samples starts on exactly that sample.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion without jitter; any function of time that gives metres will do.
+    resolution : float, m
+        Distance between two codes, above 0.
+    rate : float, Hz
+        Intervals per second, above 0.
+    seed : int
+        From 0 to 2**64 - 1; two motions with the same seed and rate toggle together.
+    amplitude_codes : float
+        Amplitude of the jitter in codes, 0 or above.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    BadValue
+        When motion is not callable, or a number is not finite or not in its range.
+
+    References
+    ----------
+    G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, fig. 14.
+
+    Examples
+    --------
+    >>> held = ramp_and_hold(0.01, rise=0.1)
+    >>> quantised(jittered(held, 0.001, rate=10, seed=3), 0.001)([1.0, 1.1, 1.2, 1.3]).tolist()
+    [0.01, 0.01, 0.011, 0.01]
+    """
+
+    motion: Callable[[Array], Array]
+    resolution: float
+    rate: float
+    seed: int = 0
+    amplitude_codes: float = 1.0
+
+    def __post_init__(self) -> None:
+        self._callable("motion")
+        self._positive("resolution", "rate")
+        self._integer("seed", 0, 2**64 - 1)
+        self._not_negative("amplitude_codes")
+
+    def _position(self, t: Array) -> Array:
+        index = _floor(t * self.rate).astype(np.int64).astype(np.uint64)
+        # mixed first, so that neighbouring seeds are far apart in the generator's period
+        start = _splitmix64(np.array([self.seed], dtype=np.uint64), np.array([0], dtype=np.uint64))
+        up = _splitmix64(start, index) >> np.uint64(63)
+        return self.motion(t) + up * (self.amplitude_codes * self.resolution)
+
+
+GENERATORS: dict[str, type[Motion]] = {
+    c.__name__: c for c in (minimum_jerk, sinusoid, ramp_and_hold, constant_speed, staircase_hold, quantised, jittered)
+}
+
+
+def parse_motion(text: str) -> Motion:
+    """Motion written as a call, such as one typed on a command line. Nothing is executed.
+
+    Parameters
+    ----------
+    text : str
+        A call of one of the generators of this module. Arguments are number literals, None, True, False and, where
+        a motion is wanted, another such call.
+
+    Returns
+    -------
+    Motion
+        ``parse_motion(repr(m)) == m`` for every motion m made of these generators.
+
+    Raises
+    ------
+    BadValue
+        When the text is anything else (the message lists the generators), or a generator refuses an argument.
+
+    Examples
+    --------
+    >>> parse_motion("sinusoid(0.01, 1)")
+    sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
+    >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")([0.0, 0.6]).tolist()
+    [0.0, 0.01]
+    """
+    if not isinstance(text, str):
+        raise BadValue(f"a motion must be given as text, got {_short(text)}. {_usage()}")
+    if len(text) > MAX_SPEC:
+        raise BadValue(f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        motion = _value(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        if isinstance(error, BadValue):
+            raise
+        raise BadValue(f"cannot read {_short(text)} as a motion. {_usage()}") from None
+    if not isinstance(motion, Motion):
+        raise BadValue(f"{_short(text)} is not a motion. {_usage()}")
+    return motion
+
+
+def _value(node: ast.expr) -> Any:
+    """Value of one node of the syntax tree of a motion."""
+    if isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, bool | int | float)):
+        return node.value
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        number = _value(node.operand)
+        if isinstance(number, int | float) and not isinstance(number, bool):
+            return -number if isinstance(node.op, ast.USub) else number
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GENERATORS:
+        generator = GENERATORS[node.func.id]
+        args = [_value(a) for a in node.args]
+        kwargs = {k.arg or "**": _value(k.value) for k in node.keywords}
+        signature = inspect.signature(generator)
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            parameters = ", ".join(str(p.replace(annotation=p.empty)) for p in signature.parameters.values())
+            raise BadValue(f"{node.func.id}({parameters}): {error}") from None
+        return generator(*args, **kwargs)
+    raise BadValue(f"{_short(ast.unparse(node))} is not understood in a motion. {_usage()}")
+
+
+def _usage() -> str:
+    return f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example minimum_jerk(depth=0.01)"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _floor(q: Array) -> Array:
+    """Floor of a quotient q of two rounded numbers, as if q were exact.
+
+    q may be up to 1.5 ulp below a whole number that it should be, which would put an edge one sample late.
+    """
+    return np.floor(q * (1 + 4 * ulp(1.0)))
+
+
+# Taylor coefficients of sin(x)/x and cos(x) in x^2; on |x| <= pi/4 what is left out is below 3e-18
+SIN = [1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1 / 1307674368000]
+COS = [1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000]
+
+
+def _sin_turns(turns: Array) -> Array:
+    """sin(2 pi turns), from + - * and rint only."""
+    r = turns - np.rint(turns)  # exact, as is the next difference
+    quarter = np.rint(4.0 * r)  # -2 .. 2
+    x = 2 * pi * (r - 0.25 * quarter)
+    x2 = x * x
+    sin = x * _horner(SIN, x2)
+    cos = _horner(COS, x2)
+    value = np.where(np.abs(quarter) == 1.0, cos, sin)
+    return np.where((quarter == -1.0) | (np.abs(quarter) == 2.0), -value, value)
+
+
+def _horner(coefficients: list[float], x: Array) -> Array:
+    y = np.full_like(x, coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        y = y * x + c
+    return y
+
+
+def _splitmix64(start: NDArray[np.uint64], index: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Number ``index`` of the SplitMix64 generator whose state is ``start``; arithmetic modulo 2**64."""
+    z: NDArray[np.uint64] = start + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))

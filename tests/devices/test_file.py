@@ -1,0 +1,654 @@
+"""The file sink: exact samples, the same bytes every time, and never half a file."""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import soundfile as sf
+
+from stimlib.devices import file
+from stimlib.devices.motion import minimum_jerk, sinusoid
+from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError, UnknownName
+
+KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
+MOTION = {"x": sinusoid(0.02, 3.0)}
+
+
+class StandIn:
+    """What the sink needs of a processor: y_c = 1000 x + hash noise of (channel, index), index counted by itself."""
+
+    def __init__(self, channels=1, fs=8000.0, inputs=("x",), noise=5.0):
+        self.inputs = inputs
+        self.outputs = tuple(f"force{c}" for c in range(channels))
+        self.units = dict.fromkeys(inputs, "m") | dict.fromkeys(self.outputs, "N")
+        self.fs, self.seed, self.params, self.fault = fs, 7, {"k": 1000.0, "gain": np.float64(0.5)}, None
+        self.scene = SimpleNamespace(to_dict=lambda: {"blocks": [["gain", 1000.0]]}, hash="abc")
+        self.noise, self.index, self.calls = noise, 0, 0
+
+    def process(self, x, out=None):
+        assert x.dtype == np.float64 and x.flags.c_contiguous and x.shape[0] == len(self.inputs)
+        i = np.arange(self.index, self.index + x.shape[1])
+        rows = [(i * (40_503 + 2 * c) % 65_521) / 65_521.0 for c in range(len(self.outputs))]
+        self.index += x.shape[1]
+        self.calls += 1
+        return self.noise * np.stack(rows) + (1000 * x[0] if len(x) else 0.0)
+
+
+class Copy(StandIn):
+    """One output that is the input."""
+
+    def process(self, x, out=None):
+        self.calls += 1
+        return x.copy()
+
+
+class Broken(StandIn):
+    """Does something at the third block."""
+
+    def __init__(self, action):
+        super().__init__(2)
+        self.action = action
+
+    def process(self, x, out=None):
+        if self.calls == 2:
+            self.action(self)
+        return super().process(x)
+
+
+def signal_of(proc, frames):
+    return proc.process(np.stack([MOTION[n](np.arange(frames) / proc.fs) for n in proc.inputs]))
+
+
+def expected(y, scale, subtype):
+    if subtype == "PCM_24":
+        return np.clip(np.rint(y / scale * 2**23), -(2**23), 2**23 - 1) * 2.0**-23 * scale
+    return (y / scale).astype(np.float32 if subtype == "FLOAT" else np.float64).astype(np.float64) * scale
+
+
+def listing(folder):
+    return {p.name: p.read_bytes() for p in Path(folder).iterdir()}
+
+
+@contextmanager
+def raises_and_leaves_as_it_was(folder, error):
+    before = listing(folder)
+    with pytest.raises(error) as info:
+        yield info
+    assert listing(folder) == before
+
+
+# -- samples
+
+
+@pytest.mark.parametrize("scale", [1.0, 64.0, 50.3])
+@pytest.mark.parametrize("channels", [1, 2, 8])
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_round_trip_is_exact(tmp_path, format, subtype, channels, scale):
+    path = tmp_path / f"a.{format.lower()}"
+    report = file.write(path, StandIn(channels), MOTION, 0.77, subtype=subtype, full_scale=scale, block=1000)
+    y = signal_of(StandIn(channels), 6160)
+    got, sidecar = file.read(path)
+    assert got.dtype == np.float64 and got.shape == (channels, 6160) and got.flags.c_contiguous
+    assert np.array_equal(got, expected(y, scale, subtype))
+    raw, fs = sf.read(path, always_2d=True)  # an independent reading
+    assert fs == 8000 and np.array_equal(raw.T * scale, got)
+    assert (sf.info(path).format, sf.info(path).subtype) == (format, subtype)
+    assert report.frames == 6160 and report.seconds == 0.77
+    assert list(report.peak.values()) == np.abs(y).max(axis=1).tolist()
+    assert sidecar["sha256"] == hashlib.sha256(y.T.astype("<f8").tobytes()).hexdigest()
+    assert sidecar["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert set(listing(tmp_path)) == {path.name, path.name + ".json"}
+
+
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_block_size_does_not_change_a_byte(tmp_path, format, subtype):
+    files = []
+    for block in (1, 7, 64, 8192, 10**6):
+        path = tmp_path / f"{block}.{format.lower()}"
+        file.write(path, StandIn(2), MOTION, 0.3, subtype=subtype, full_scale=64.0, block=block)
+        files.append((path.read_bytes(), Path(f"{path}.json").read_bytes()))
+    assert len(set(files)) == 1
+
+
+def test_same_bytes_a_second_later(tmp_path):
+    def all_files(folder):
+        folder.mkdir()
+        for format, subtype in KINDS:
+            path = folder / f"{subtype}.{format.lower()}"
+            file.write(path, StandIn(2), {"x": lambda t: 0.01 * t}, 0.3, subtype=subtype, full_scale=64.0)
+        return listing(folder)
+
+    first = all_files(tmp_path / "1")
+    time.sleep(1.1)  # the time stamp that libsndfile would write counts seconds
+    assert all_files(tmp_path / "2") == first
+
+
+def test_flac_counts_clips_and_rounds_half_to_even(tmp_path):
+    codes = np.array([0, 0.5, 1.5, -2.5, 2**23 - 1, 2**23 - 0.75, 2**23 - 0.5, 2**23, -(2**23), -(2**23) - 1, 1e300])
+    stored = [0, 0, 2, -2, 2**23 - 1, 2**23 - 1, 2**23 - 1, 2**23 - 1, -(2**23), -(2**23), 2**23 - 1]
+    proc = Copy()
+    x = np.concatenate([codes * 2.0**-23 * 8, [-1.7e308]])
+    report = file.write(tmp_path / "a.flac", proc, {"x": x}, 12 / 8000, full_scale=8.0)
+    assert report.clips == {"force0": 5}  # 2**23 - 0.5 (rounds up), 2**23, -2**23 - 1, 1e300 and the last
+    assert "samples clipped: force0 5" in str(report) and "\n" not in str(report)
+    data, _ = sf.read(tmp_path / "a.flac", dtype="int32")
+    assert (data >> 8).tolist() == [*stored, -(2**23)]
+    y, sidecar = file.read(tmp_path / "a.flac")
+    assert y[0].tolist() == [c * 2.0**-20 for c in [*stored, -(2**23)]]
+    assert sidecar["channels"][0]["clips"] == 5 and sidecar["channels"][0]["peak"] == 1.7e308
+
+
+def test_floats_are_not_clipped(tmp_path):
+    x = np.array([3.0, -70.0, 1e30, 1e-30])
+    report = file.write(tmp_path / "a.wav", Copy(), {"x": x}, 4 / 8000)
+    assert report.clips == {"force0": 0} and report.peak == {"force0": 1e30}
+    assert file.read(tmp_path / "a.wav")[0][0].tolist() == x.astype(np.float32).tolist()
+
+
+def test_functions_and_arrays_give_the_same_file(tmp_path):
+    t = np.arange(9000) / 8000
+    file.write(tmp_path / "f.caf", StandIn(), {"x": minimum_jerk()}, 1.0)
+    file.write(tmp_path / "a.caf", StandIn(), {"x": minimum_jerk()(t)}, 1.0)
+    assert (tmp_path / "f.caf").read_bytes() == (tmp_path / "a.caf").read_bytes()
+    assert file.read(tmp_path / "f.caf")[1]["motion"] == {"x": repr(minimum_jerk())}
+    assert file.read(tmp_path / "a.caf")[1]["motion"] == {"x": "array(9000)"}
+
+
+def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
+    proc = Copy(2, inputs=("x", "y"))
+    file.write(tmp_path / "a.w64", proc, {"y": np.full(8, 2.0), "x": np.full(8, 1.0)}, 1e-3, subtype="DOUBLE")
+    assert file.read(tmp_path / "a.w64")[0][:, 0].tolist() == [1.0, 2.0]
+    file.write(tmp_path / "b.w64", StandIn(1, inputs=()), {}, 0.1)
+    assert file.read(tmp_path / "b.w64")[0].shape == (1, 800)
+
+
+def test_a_motion_sees_exact_times_and_cannot_spoil_them(tmp_path):
+    seen = []
+
+    def motion(t):
+        seen.append(t.copy())
+        t += 1.0
+        return t
+
+    file.write(tmp_path / "a.wav", Copy(2, inputs=("x", "y")), {"x": motion, "y": motion}, 0.1, block=300)
+    t = np.arange(800) / 8000
+    assert np.array_equal(np.concatenate(seen[::2]), t) and np.array_equal(np.concatenate(seen[1::2]), t)
+
+
+def test_full_scale_per_output(tmp_path):
+    proc = StandIn(2)
+    proc.units["force1"] = "V"
+    file.write(tmp_path / "a.wav", proc, MOTION, 0.1, subtype="DOUBLE")  # 1 in each output's own unit
+    file.write(
+        tmp_path / "b.flac", StandIn(2), MOTION, 0.1, full_scale={"force1": np.float32(32.0), "force0": 64},
+    )  # fmt: skip
+    y, sidecar = file.read(tmp_path / "b.flac")
+    assert [c["full_scale"] for c in sidecar["channels"]] == [64.0, 32.0]
+    assert np.abs(y - signal_of(StandIn(2), 800)).max() <= 64 * 2.0**-24
+    proc = StandIn(2)
+    proc.units["force1"] = "V"
+    with raises_and_leaves_as_it_was(tmp_path, UnitError) as info:
+        file.write(tmp_path / "c.wav", proc, MOTION, 0.1, full_scale=10.0)
+    assert "force0 (N), force1 (V)" in str(info.value)
+
+
+def test_sidecar_says_what_the_samples_are(tmp_path):
+    file.write(tmp_path / "a.wav", StandIn(1), MOTION, 0.1)
+    sidecar = json.loads((tmp_path / "a.wav.json").read_text())
+    assert list(sidecar) == [
+        "stimlib", "format", "subtype", "fs", "frames", "channels", "seed", "params", "motion", "scene", "scene_hash",
+        "sha256", "versions", "file_sha256",
+    ]  # fmt: skip
+    channel = sidecar["channels"][0]
+    assert list(channel) == ["name", "unit", "full_scale", "clips", "peak"]
+    assert (channel["name"], channel["unit"], channel["full_scale"], channel["clips"]) == ("force0", "N", 1.0, 0)
+    assert sidecar["params"] == {"k": 1000.0, "gain": 0.5} and sidecar["seed"] == 7
+    assert sidecar["scene"] == {"blocks": [["gain", 1000.0]]} and sidecar["scene_hash"] == "abc"
+    assert set(sidecar["versions"]) == {"numpy", "numba", "soundfile", "libsndfile"}
+    assert sidecar["motion"] == {"x": "sinusoid(amplitude=0.02, freq=3.0, mean=0.0, phase=0.0)"}
+
+
+# -- memory, progress, imports
+
+
+def test_memory_does_not_grow_with_the_duration(tmp_path):
+    def peak(minutes):
+        proc = StandIn()
+        tracemalloc.start()
+        try:
+            file.write(tmp_path / "a.rf64", proc, MOTION, 60.0 * minutes, progress=False)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(0.1)  # imports
+    one, ten = peak(1), peak(10)
+    assert ten < one + 200_000, (one, ten)  # a list of the blocks would be 40 MB more
+
+
+def test_progress_bar_only_when_wanted(tmp_path, capsys):
+    for progress in (True, False):  # stderr is not a terminal here
+        file.write(tmp_path / "a.wav", StandIn(), MOTION, 0.1, progress=progress)
+    assert capsys.readouterr() == ("", "")
+    file.write(tmp_path / "a.wav", StandIn(), MOTION, 0.1, progress="always")
+    out, err = capsys.readouterr()
+    assert out == "" and "100%" in err
+    with pytest.raises(BadValue):
+        file.write(tmp_path / "a.wav", StandIn(), MOTION, 0.1, progress="never")
+
+
+def test_import_is_light():
+    code = "import stimlib.devices.file, stimlib.devices.motion, sys; print(sorted(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
+
+
+# -- never half a file
+
+
+@pytest.fixture
+def old(tmp_path):
+    """A folder with a file and its sidecar that must survive."""
+    for format in file.FORMATS:
+        file.write(tmp_path / f"a.{format.lower()}", StandIn(2, noise=1.0), MOTION, 0.1, full_scale=64.0)
+    return tmp_path
+
+
+def throw(error):
+    def action(proc):
+        raise error
+
+    return action
+
+
+@pytest.mark.parametrize("format", file.FORMATS)
+@pytest.mark.parametrize(
+    "action",
+    [
+        lambda proc: signal.raise_signal(signal.SIGINT),
+        throw(SystemExit(3)),
+        throw(MemoryError()),
+        throw(OSError("the processor's own")),
+        throw(AssertionError("the processor's own")),
+    ],
+)
+def test_an_exception_leaves_the_old_file(old, format, action):
+    with raises_and_leaves_as_it_was(old, BaseException) as info:
+        file.write(old / f"a.{format.lower()}", Broken(action), MOTION, 1.0, full_scale=64.0, block=1000)
+    assert not isinstance(info.value, StimlibError)  # it passes as it is
+    file.read(old / f"a.{format.lower()}")
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs POSIX timers")
+# an interrupt between open() and the with statement leaves closing to the collector, in any Python program
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("format", ["RF64", "FLAC"])
+def test_an_interrupt_at_any_moment_leaves_a_complete_pair(old, format):
+    path = old / f"a.{format.lower()}"
+    names = set(listing(old))
+
+    def interrupt(signum, frame):
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGALRM, interrupt)
+    interrupted = 0
+    try:
+        for trial in range(60):
+            signal.setitimer(signal.ITIMER_REAL, 2e-4 + trial * 2.5e-4)
+            try:
+                file.write(path, StandIn(2, noise=trial + 1.0), MOTION, 0.5, full_scale=64.0, block=64)
+                signal.setitimer(signal.ITIMER_REAL, 0)
+            except KeyboardInterrupt:
+                interrupted += 1
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            file.read(path)
+            assert set(listing(old)) == names
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, previous)
+    assert interrupted > 5
+
+
+@pytest.mark.parametrize("moves", [0, 1, 2])
+def test_an_interrupt_between_the_two_moves_leaves_a_complete_pair(old, monkeypatch, moves):
+    path, before, replace, done = old / "a.wav", listing(old), os.replace, []
+
+    def interrupted(*names):
+        if moves == 0:
+            raise KeyboardInterrupt
+        replace(*names)
+        done.append(names)
+        if len(done) == moves:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        file.write(path, StandIn(2), MOTION, 0.5)
+    assert file.read(path)[0].shape[1] == (4000 if moves else 800)
+    assert set(listing(old)) == set(before)
+
+
+def test_a_fault_of_the_processor_leaves_the_old_file(old):
+    def fault(proc):
+        proc.fault = ("force1", 2345)
+
+    with raises_and_leaves_as_it_was(old, FaultError) as info:
+        file.write(old / "a.wav", Broken(fault), MOTION, 1.0, block=1000)
+    path = old / "a.wav"
+    assert str(info.value) == f"output force1 is not finite at sample 2345 (0.293125 s); {path} was not written"
+    proc = StandIn()
+    proc.fault = ("force0", 3)
+    with raises_and_leaves_as_it_was(old, FaultError):
+        file.write(old / "a.wav", proc, MOTION, 1.0)
+    assert proc.calls == 0
+
+
+def test_samples_that_are_not_finite_are_never_written(old):
+    class Unguarded(StandIn):
+        def process(self, x, out=None):
+            y = super().process(x)
+            y[1, 700:] = np.nan
+            return y
+
+    with raises_and_leaves_as_it_was(old, FaultError) as info:
+        file.write(old / "a.wav", Unguarded(2), MOTION, 1.0, block=1000)
+    assert "force1 is not finite at sample 700 (0.0875 s)" in str(info.value)
+    with raises_and_leaves_as_it_was(old, SinkError) as info:
+        file.write(old / "a.wav", Copy(), {"x": np.full(800, 1e39)}, 0.1)
+    assert "too large for FLOAT" in str(info.value)
+
+
+@contextmanager
+def largest_file(size):
+    """Files of this process cannot grow beyond size: the same short writes as on a full disk."""
+    resource = pytest.importorskip("resource", reason="needs POSIX limits")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))  # Python ignores SIGXFSZ
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_a_write_that_fails_leaves_the_old_file(old, format, subtype):
+    path = old / f"a.{format.lower()}"
+    with raises_and_leaves_as_it_was(old, SinkError) as info, largest_file(300_000):
+        file.write(path, StandIn(2), MOTION, 20.0, subtype=subtype, full_scale=64.0)
+    assert os.strerror(errno.EFBIG) in str(info.value) and str(path) in str(info.value)
+
+
+@pytest.mark.parametrize("frames", [4000, 9000])
+def test_a_flac_file_that_fails_at_its_very_end_is_noticed(old, frames):
+    # libFLAC keeps up to 4096 frames until the file is closed, and libsndfile then ignores a full disk
+    path = old / "b.flac"
+    file.write(path, StandIn(2), MOTION, frames / 8000, full_scale=64.0)
+    size = path.stat().st_size
+    (old / "b.flac").unlink()
+    for limit in (size - 10, size - 3000):
+        with raises_and_leaves_as_it_was(old, SinkError) as info, largest_file(limit):
+            file.write(path, StandIn(2), MOTION, frames / 8000, full_scale=64.0)
+        assert os.strerror(errno.EFBIG) in str(info.value)
+
+
+def test_disk_full():
+    folder = Path(tempfile.mkdtemp())
+    try:
+        command = ["mount", "-t", "tmpfs", "-o", "size=512k", "none", str(folder)]
+        if not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("a small file system cannot be mounted here")
+        try:
+            for format, subtype in KINDS:
+                path = folder / f"a.{format.lower()}"
+                file.write(path, StandIn(2), MOTION, 0.1, subtype=subtype, full_scale=64.0)
+                with raises_and_leaves_as_it_was(folder, SinkError) as info:
+                    file.write(path, StandIn(2), MOTION, 60.0, subtype=subtype, full_scale=64.0)
+                assert os.strerror(errno.ENOSPC) in str(info.value)
+                file.read(path)
+                path.unlink()
+                Path(f"{path}.json").unlink()
+            # room for the samples, not for the sidecar
+            proc = StandIn(2)
+            proc.params["table"] = "x" * 400_000
+            with raises_and_leaves_as_it_was(folder, SinkError) as info:
+                file.write(folder / "a.wav", proc, MOTION, 5.0)
+            assert os.strerror(errno.ENOSPC) in str(info.value)
+        finally:
+            subprocess.run(["umount", str(folder)], check=True)
+    finally:
+        folder.rmdir()
+
+
+def test_what_a_killed_run_left_is_in_nobodys_way(tmp_path):
+    (tmp_path / "a.wav.part").write_bytes(b"old")
+    (tmp_path / "a.wav.json.part").write_bytes(b"old")
+    file.write(tmp_path / "a.wav", StandIn(), MOTION, 0.1)
+    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"}
+
+
+# -- refused before anything is written
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "says"),
+    [
+        ("a.mp3", {}, "suffix of 'a.mp3' is not known; write one of .wav, .rf64, .w64, .caf, .flac"),
+        ("a", {}, "suffix of 'a' is not known"),
+        ("a.wav", {"format": "ogg"}, "format 'ogg' is not known"),
+        ("a.wav", {"subtype": "PCM_24"}, "WAV is written with subtype FLOAT or DOUBLE, not 'PCM_24'"),
+        ("a.flac", {"subtype": "FLOAT", "full_scale": 1.0}, "FLAC is written with subtype PCM_24, not 'FLOAT'"),
+        ("none/a.wav", {}, "there is no folder"),
+        ("folder.wav", {}, "is a folder; give the name of a file in it"),
+        ("there.wav", {"overwrite": False}, "is there already, and overwrite=False"),
+        ("sidecar.wav", {"overwrite": False}, "sidecar.wav.json is there already"),
+        ("blocked.wav", {}, "blocked.wav.json is there and not an ordinary file"),
+    ],
+)
+def test_place_and_format(tmp_path, name, change, says):
+    (tmp_path / "there.wav").write_bytes(b"mine")
+    (tmp_path / "sidecar.wav.json").write_bytes(b"mine")
+    (tmp_path / "folder.wav").mkdir()
+    (tmp_path / "blocked.wav.json").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    proc = StandIn()
+    with pytest.raises(SinkError) as info:
+        file.write(tmp_path / name, proc, MOTION, 1.0, **change)
+    assert says in str(info.value) and proc.calls == 0
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_format_can_be_given(tmp_path):
+    file.write(tmp_path / "a.wav", StandIn(), MOTION, 0.1, format="rf64")
+    assert sf.info(tmp_path / "a.wav").format == "RF64"
+    file.read(tmp_path / "a.wav")
+
+
+def test_wav_beyond_4_gib_is_refused_at_once(tmp_path):
+    proc = StandIn(8, fs=48000.0)
+    with raises_and_leaves_as_it_was(tmp_path, SinkError) as info:
+        file.write(tmp_path / "a.wav", proc, MOTION, 1500.0, subtype="DOUBLE")
+    assert "WAV holds at most 4 GiB, this needs 4.29 GiB: write .rf64, .w64 or .caf" in str(info.value)
+    assert proc.calls == 0
+    most = file.MAX_WAV // 64
+    file._check_format("WAV", "DOUBLE", proc, most)
+    file._check_format("RF64", "DOUBLE", proc, most + 1)
+    with pytest.raises(SinkError):
+        file._check_format("WAV", "DOUBLE", proc, most + 1)
+
+
+@pytest.mark.parametrize(
+    ("format", "fs", "channels"),
+    [
+        ("wav", 8000.5, 1), ("caf", 0.5, 1), ("w64", 2.0**31, 1), ("flac", 65537.0, 1), ("flac", 655360.0, 1),
+        ("flac", 8000.0, 9), ("rf64", 8000.0, 1025), ("caf", 8000.0, 257), ("wav", 8000.0, 0),
+    ],
+)  # fmt: skip
+def test_rate_and_channels_that_the_format_cannot_hold(tmp_path, format, fs, channels):
+    proc = StandIn(channels, fs=fs)
+    with raises_and_leaves_as_it_was(tmp_path, SinkError):
+        file.write(tmp_path / f"a.{format}", proc, MOTION, 10.0, full_scale=64.0)
+    assert proc.calls == 0
+
+
+@pytest.mark.parametrize(
+    ("format", "fs", "channels"),
+    [
+        ("flac", 65535.0, 8), ("flac", 655350.0, 1), ("flac", 1.0, 1), ("wav", 1000.0, 24), ("caf", 192000.0, 256),
+        ("w64", 8000.0, 1024),
+    ],
+)  # fmt: skip
+def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
+    file.write(tmp_path / f"a.{format}", StandIn(channels, fs=fs), MOTION, 50 / fs, full_scale=64.0)
+    y, sidecar = file.read(tmp_path / f"a.{format}")
+    assert y.shape == (channels, 50) and sidecar["fs"] == fs
+
+
+@pytest.mark.parametrize(
+    ("motion", "error", "says"),
+    [
+        ({}, UnknownName, "motion: x is missing; the inputs are: x"),
+        ({"x": minimum_jerk(), "y": minimum_jerk()}, UnknownName, "motion: there is no input y; the inputs are: x"),
+        (minimum_jerk(), BadValue, "motion must map each input name"),
+        ({"x": np.zeros(799)}, BadValue, "at least 800 samples; got (799,)"),
+        ({"x": np.zeros((2, 800))}, BadValue, "one dimension"),
+        ({"x": "abc"}, BadValue, "function of time or an array of numbers"),
+        ({"x": lambda t: t[1:]}, BadValue, "motion of x must give one number per time"),
+        ({"x": lambda t: t + 0j}, BadValue, "complex128 out"),
+        ({"x": np.r_[np.zeros(500), np.nan, np.zeros(500)]}, BadValue, "not finite at sample 500 (0.0625 s)"),
+        ({"x": lambda t: np.where(t > 0.05, np.inf, 0)}, BadValue, "not finite at sample 401"),
+    ],
+)
+def test_motion_that_does_not_fit(old, motion, error, says):
+    with raises_and_leaves_as_it_was(old, error) as info:
+        file.write(old / "a.wav", StandIn(), motion, 0.1, block=100)
+    assert says in str(info.value) and "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        ({"seconds": 0.0}, BadValue, "at least one sample"),
+        ({"seconds": -1.0}, BadValue, "at least one sample"),
+        ({"seconds": float("nan")}, BadValue, "finite"),
+        ({"seconds": "long"}, BadValue, "seconds must be a number"),
+        ({"block": 0}, BadValue, "block must be"),
+        ({"block": 64.0}, BadValue, "block must be"),
+        ({"full_scale": 0.0}, BadValue, "full_scale must be finite and above 0"),
+        ({"full_scale": float("inf")}, BadValue, "full_scale must be finite and above 0"),
+        ({"full_scale": "loud"}, BadValue, "full_scale must be a number"),
+        ({"full_scale": {}}, UnknownName, "full_scale: force0 is missing; the outputs are: force0"),
+        ({"full_scale": {"force0": 1, "torque": 2}}, UnknownName, "there is no output torque"),
+        ({"full_scale": None, "format": "flac"}, BadValue, "give full_scale, in N"),
+    ],
+)
+def test_bad_arguments(old, change, error, says):
+    with raises_and_leaves_as_it_was(old, error) as info:
+        file.write(**{"path": old / "a.wav", "proc": StandIn(), "motion": MOTION, "seconds": 0.1} | change)
+    assert says in str(info.value)
+
+
+def test_what_json_cannot_hold_is_refused_before_the_run(tmp_path):
+    proc = StandIn()
+    proc.params["k"] = object()
+    with raises_and_leaves_as_it_was(tmp_path, SinkError) as info:
+        file.write(tmp_path / "a.wav", proc, MOTION, 1.0)
+    assert "object is not a JSON value" in str(info.value) and proc.calls == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
+def test_a_place_that_refuses_files():
+    with pytest.raises(SinkError, match="cannot write /proc/a.wav"):
+        file.write("/proc/a.wav", StandIn(), MOTION, 0.1)
+
+
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs POSIX permissions")
+def test_unwritable_folder():
+    folder = Path(tempfile.mkdtemp())  # not below tmp_path, which only its owner can enter
+    root = os.geteuid() == 0
+    try:
+        folder.chmod(0o555)
+        if root:
+            os.seteuid(65534)  # root may write everywhere
+        with pytest.raises(SinkError) as info:
+            file.write(folder / "a.wav", StandIn(), MOTION, 0.1)
+        assert str(folder) in str(info.value)
+    finally:
+        if root:
+            os.seteuid(0)
+        folder.chmod(0o755)
+        folder.rmdir()
+
+
+# -- reading
+
+
+@pytest.mark.parametrize("format", file.FORMATS)
+def test_truncated_files(old, format):
+    path = old / f"a.{format.lower()}"
+    data = path.read_bytes()
+    for size in (0, 20, len(data) // 2, len(data) - 1):
+        path.write_bytes(data[:size])
+        with pytest.raises(SinkError) as info:
+            file.read(path)
+        assert str(path) in str(info.value)
+
+
+@pytest.mark.parametrize("format", file.FORMATS)
+def test_a_changed_file_is_noticed(old, format):
+    path = old / f"a.{format.lower()}"
+    data = bytearray(path.read_bytes())
+    data[-100] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(SinkError):
+        file.read(path)
+
+
+def test_sidecars_that_are_missing_or_wrong(old):
+    path, sidecar = old / "a.wav", old / "a.wav.json"
+    good = json.loads(sidecar.read_text())
+
+    def says():
+        with pytest.raises(SinkError) as info:
+            file.read(path)
+        return str(info.value)
+
+    for change in ({"frames": 900}, {"frames": 700}, {"fs": 8001.0}, {"channels": good["channels"][:1]}):
+        sidecar.write_text(json.dumps(good | change))
+        assert "truncated" in says() if change.get("frames") == 900 else "does not belong" in says()
+    for change in ({"frames": "800"}, {"channels": [{}]}, {"channels": 3}, {"file_sha256": None}):
+        sidecar.write_text(json.dumps(good | change))
+        assert "is not a sidecar that stimlib wrote" in says()
+    for text in ("", "[]", "3", "{", "\xff"):
+        sidecar.write_text(text)
+        assert "is not a sidecar that stimlib wrote" in says()
+    shutil.copy(old / "a.rf64.json", sidecar)  # the same signal, another file
+    assert "file_sha256 differs" in says()
+    sidecar.unlink()
+    assert "has no sidecar a.wav.json" in says()
+    path.unlink()
+    assert "there is no file" in says()
+
+
+def test_a_file_that_is_no_audio(old):
+    (old / "a.wav").write_bytes(b"no audio at all" * 100)
+    with pytest.raises(SinkError, match="cannot be read"):
+        file.read(old / "a.wav")
+
+
+def test_report_is_one_line(tmp_path):
+    report = file.write(tmp_path / "a.wav", StandIn(2), MOTION, 0.5)
+    assert str(report) == f"{tmp_path}/a.wav: 4000 frames, 0.5 s, peak force0 24.95, force1 24.96"
+    assert report.sidecar == tmp_path / "a.wav.json"

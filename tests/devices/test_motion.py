@@ -1,0 +1,288 @@
+"""Motion generators: the same bits at every cut, the right physics, and specs that read back."""
+
+import dataclasses
+import time
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stimlib.devices import motion as m
+from stimlib.errors import BadValue
+
+FS = 8000.0
+
+MOTIONS = [
+    m.minimum_jerk(),
+    m.minimum_jerk(depth=-0.01, start=0.02, rise=0.01, hold=0, fall=0.003, rest=0, repeats=50),
+    m.sinusoid(0.01, 1.0),
+    m.sinusoid(0.003, 47.3, mean=0.02, phase=1.0),
+    m.ramp_and_hold(0.01, 0.5),
+    m.ramp_and_hold(0.01, 0.1, start_time=0.05, hold=0.2, fall=0.03),
+    m.constant_speed(0.1, 0.013),
+    m.constant_speed(0.1, 0.05, start=0.01, back_and_forth=False),
+    m.staircase_hold(1e-3, 7, 0.07),
+    m.quantised(m.minimum_jerk(), 1e-6),
+    m.jittered(m.ramp_and_hold(0.01, 0.1), 1e-6, 800.0, 3),
+    m.quantised(m.jittered(m.minimum_jerk(), 1e-6, 997.0, 2**64 - 1), 1e-6),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
+def test_same_bits_however_time_is_cut(motion):
+    for first in (0, 12345 * 8000):  # the start, and hours later
+        t = np.arange(first, first + 5003) / FS
+        whole = motion(t)
+        assert whole.dtype == np.float64 and whole.shape == t.shape and np.isfinite(whole).all()
+        for block in (1, 7, 64, 1000):
+            n = 300 if block == 1 else len(t)
+            parts = [motion(t[i : i + block][: n - i]) for i in range(0, n, block)]
+            assert np.array_equal(np.concatenate(parts), whole[:n]), block
+        shifted = np.empty(len(t) + 1)[1:]  # another alignment in memory
+        shifted[:] = t
+        assert np.array_equal(motion(shifted), whole)
+        assert np.array_equal(motion(np.repeat(t, 3)[::3]), whole)
+        assert np.array_equal(motion(t[::-1]), whole[::-1])
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
+def test_shape_is_that_of_time_and_time_is_left_alone(motion):
+    t = np.arange(12.0).reshape(3, 4) / 7
+    before = t.copy()
+    assert motion(t).shape == (3, 4) and np.array_equal(motion(t).ravel(), motion(t.ravel()))
+    assert motion(0.1).shape == () and motion(np.empty(0)).shape == (0,)
+    assert np.array_equal(t, before) and not np.shares_memory(motion(t), t)
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
+def test_repr_reads_back(motion):
+    assert m.parse_motion(repr(motion)) == motion
+    assert "\n" not in repr(motion) and "np." not in repr(motion)
+
+
+def test_fields_become_plain_numbers():
+    motion = m.minimum_jerk(depth=np.float32(0.5), rise=np.int64(2), repeats=np.int32(3))
+    assert repr(motion) == ("minimum_jerk(depth=0.5, start=0.0, rise=2.0, hold=0.2, fall=0.3, rest=0.4, repeats=3)")
+    assert type(motion.rise) is float and type(motion.repeats) is int
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        motion.depth = 1.0
+
+
+def test_minimum_jerk_boundaries_and_speed():
+    x = m.minimum_jerk(depth=0.02, start=0.001, rise=0.3, hold=0.2, fall=0.3, rest=0.4)
+    assert x([-1.0, 0.0, 0.3, 0.5, 0.8, 1.1]).tolist() == pytest.approx([0.001, 0.001, 0.021, 0.021, 0.001, 0.001])
+    t = np.arange(0, 0.3, 1e-5)
+    v = np.gradient(x(t), t)
+    assert v.max() == pytest.approx(1.875 * 0.02 / 0.3, rel=1e-4)  # peak speed of a minimum-jerk movement
+    assert (v[2:-2] >= 0).all() and abs(v[1]) < 1e-5
+    inside = np.linspace(0.51, 0.79, 99)
+    np.testing.assert_allclose(x(inside), x(0.8 - inside), rtol=0, atol=1e-16)  # the fall mirrors the rise
+    np.testing.assert_allclose(x(t + 1.2 * 1000), x(t), rtol=0, atol=1e-13)
+
+
+def test_minimum_jerk_repeats_end_at_rest():
+    x = m.minimum_jerk(repeats=2)
+    assert x(1.2 + 0.4) == 0.02
+    assert x(2.4 + 0.4) == 0.0 and x(1e9) == 0.0
+
+
+def test_sinusoid_is_right_to_the_last_bits_after_hours():
+    x = m.sinusoid(1.0, 1.0)
+    t = np.concatenate([np.linspace(0, 3, 997), 1e5 + np.linspace(0, 3, 499)])
+    exact = [float(mpmath.sinpi(2 * mpmath.mpf(v))) for v in t]
+    assert np.abs(x(t) - exact).max() < 3e-16
+    assert np.array_equal(x([0.0, 0.25, 0.5, 0.75, 1e6 + 0.25]), [0.0, 1.0, 0.0, -1.0, 1.0])
+    shifted = m.sinusoid(1.0, 3.0, mean=2.0, phase=0.7)
+    np.testing.assert_allclose(shifted(t), 2 + np.sin(2 * np.pi * 3 * t + 0.7), rtol=0, atol=3e-9)
+    np.testing.assert_allclose(shifted(t[:997]), 2 + np.sin(2 * np.pi * 3 * t[:997] + 0.7), rtol=0, atol=3e-14)
+
+
+def test_ramp_and_triangle_have_their_speed():
+    t = np.arange(4000) / FS
+    assert np.diff(m.ramp_and_hold(0.01, 1.0)(t)) * FS == pytest.approx(0.01)
+    x = m.constant_speed(0.1, 0.02, start=0.5)(t)
+    assert x.min() == 0.5 and x.max() == pytest.approx(0.52, abs=1e-15)
+    speed = np.abs(np.diff(x)) * FS
+    assert np.median(speed) == pytest.approx(0.1)
+    assert (m.constant_speed(0.1, 0.02)([-1.0]) == 0.0).all()
+    assert (m.ramp_and_hold(0.01, 1.0, hold=1.0, fall=1.0)([-1.0, 3.0, 4.0]) == 0.0).all()
+
+
+@pytest.mark.parametrize("fs", [1000, 8000, 44100, 48000])
+@pytest.mark.parametrize("samples", [1, 3, 70, 441])
+def test_edges_fall_on_their_sample(fs, samples):
+    n = np.concatenate([np.arange(3000), 86_400 * fs + np.arange(3000)])
+    level = m.staircase_hold(1.0, 2**53, samples / fs)(n / fs)
+    assert np.array_equal(level, n // samples)
+    held = m.ramp_and_hold(1.0, 1e-9, start_time=0.0)
+    jitter = m.jittered(held, 1.0, fs / samples, 5)((n + 1) / fs)
+    inside = np.diff(jitter)[(n[:-1] + 2) % samples != 0]
+    assert np.count_nonzero(inside) <= 1  # one for the gap in n
+
+
+def test_quantised_is_whole_codes():
+    t = np.arange(8000) / FS
+    true = m.minimum_jerk()
+    x = m.quantised(true, 1e-6)(t)
+    assert np.array_equal(x, np.rint(x / 1e-6) * 1e-6)
+    assert np.abs(x - true(t)).max() <= 0.5e-6 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("position", [0.0, 0.01, 0.0123456])
+def test_jitter_toggles_between_two_adjacent_codes(position):
+    q, rate = 1e-6, 800.0
+    x = m.quantised(m.jittered(m.ramp_and_hold(position, 1e-3), q, rate, seed=7), q)
+    codes = np.rint(x(1 + np.arange(80_000) / FS) / q)
+    assert np.unique(codes).tolist() == [np.rint(position / q), np.rint(position / q) + 1]
+    assert (codes.reshape(-1, 10) == codes[::10, None]).all()  # one value per interval
+    bits = codes[::10] - codes.min()
+    assert abs(bits.mean() - 0.5) < 4 / (2 * np.sqrt(bits.size))
+    r = np.corrcoef(bits[1:], bits[:-1])[0, 1]
+    assert abs(r) < 4 / np.sqrt(bits.size)
+    other = m.quantised(m.jittered(m.ramp_and_hold(position, 1e-3), q, rate, seed=8), q)
+    same = (other(1 + np.arange(80_000) / FS) == x(1 + np.arange(80_000) / FS)).mean()
+    assert abs(same - 0.5) < 4 / (2 * np.sqrt(bits.size))
+
+
+def test_jitter_before_time_zero_and_amplitude():
+    x = m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, seed=1, amplitude_codes=3)
+    values = x(np.arange(-500, 500) / 100)
+    assert np.unique(values).tolist() == [0.0, 3e-3]
+    assert (m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, amplitude_codes=0)(np.arange(99.0)) == 0).all()
+
+
+def test_splitmix64_known_answer():
+    # first outputs of the reference program for state 1234567
+    got = m._splitmix64(np.array([1234567], np.uint64), np.arange(3, dtype=np.uint64))
+    assert got.tolist() == [6457827717110365317, 3203168211198807973, 9817491932198370423]
+
+
+def test_any_function_can_be_quantised():
+    x = m.quantised(lambda t: 0.3 * t, 0.1)
+    assert x([0.0, 1.0]).tolist() == [0.0, 0.30000000000000004]
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: m.minimum_jerk(depth=float("nan")), "minimum_jerk: depth must be a finite number, got nan"),
+        (lambda: m.minimum_jerk(rise=0), "rise must be above 0"),
+        (lambda: m.minimum_jerk(hold=-1), "hold must be 0 or above"),
+        (lambda: m.minimum_jerk(repeats=0), "repeats must be a whole number"),
+        (lambda: m.minimum_jerk(repeats=2.0), "repeats must be a whole number"),
+        (lambda: m.minimum_jerk(depth="0.02"), "depth must be a finite number, got '0.02'"),
+        (lambda: m.minimum_jerk(depth=True), "depth must be a finite number"),
+        (lambda: m.minimum_jerk(depth=10**400), "depth must be a finite number"),
+        (lambda: m.minimum_jerk(depth=None), "depth must be a finite number"),
+        (lambda: m.sinusoid(0.01, 0.0), "freq must be above 0"),
+        (lambda: m.sinusoid(float("inf"), 1.0), "amplitude must be a finite number"),
+        (lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0), "give both hold and fall"),
+        (lambda: m.ramp_and_hold(0.01, 1.0, start_time=-1.0), "start_time must be 0 or above"),
+        (lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0, fall=0.0), "fall must be above 0"),
+        (lambda: m.constant_speed(-0.1, 0.05), "speed must be above 0"),
+        (lambda: m.constant_speed(0.1, 0.05, back_and_forth=1), "back_and_forth must be True or False"),
+        (lambda: m.staircase_hold(0.01, -1, 1.0), "n_steps must be a whole number"),
+        (lambda: m.quantised(0.01, 1e-6), "motion must be a motion"),
+        (lambda: m.quantised(m.minimum_jerk(), 0.0), "resolution must be above 0"),
+        (lambda: m.jittered(m.minimum_jerk(), 1e-6, 0.0), "rate must be above 0"),
+        (lambda: m.jittered(m.minimum_jerk(), 1e-6, 1.0, seed=-1), "seed must be a whole number"),
+    ],
+)
+def test_bad_values_are_named(make, says):
+    with pytest.raises(BadValue) as info:
+        make()
+    assert says in str(info.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "motion"),
+    [
+        ("minimum_jerk()", m.minimum_jerk()),
+        (" minimum_jerk(depth=0.01, hold=1)\n", m.minimum_jerk(depth=0.01, hold=1.0)),
+        ("sinusoid(0.01, 1)", m.sinusoid(0.01, 1.0)),
+        ("sinusoid(-0.01, +1, phase=-1e-3)", m.sinusoid(-0.01, 1.0, phase=-1e-3)),
+        ("minimum_jerk(repeats=None)", m.minimum_jerk()),
+        ("constant_speed(0.1, 0.05, back_and_forth=False)", m.constant_speed(0.1, 0.05, back_and_forth=False)),
+        ("quantised(minimum_jerk(), 1e-6)", m.quantised(m.minimum_jerk(), 1e-6)),
+        ("quantised(motion=sinusoid(1, 2), resolution=1e-6)", m.quantised(m.sinusoid(1.0, 2.0), 1e-6)),
+    ],
+)
+def test_parse(text, motion):
+    assert m.parse_motion(text) == motion
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "   ", "minimum_jerk", "0.01", "None", "minimum_jerk(", "minimum_jerk() minimum_jerk()", "nosuch()",
+        "__import__('os').system('true')", "minimum_jerk(depth=__import__('os'))", "minimum_jerk(depth=1+1)",
+        "minimum_jerk(depth='0.01')", "minimum_jerk(depth=0.01j)", "minimum_jerk(depth=-True)", "Motion()",
+        "m.minimum_jerk()", "(lambda: 1)()", "[minimum_jerk()]", "minimum_jerk(*[1])", "minimum_jerk(**{'a': 1})",
+        "sinusoid(1, **1 + 1)",
+        "minimum_jerk(x := 1)", "sinusoid.__init__(1)", "parse_motion('minimum_jerk()')", "sinusoid(nan, 1)",
+        "minimum_jerk()\nsinusoid(1, 1)", "a = minimum_jerk()", "\0", "-" * 9000 + "1", "(" * 5000, "9" * 9000,
+        "quantised(" * 900 + "minimum_jerk()" + ", 1)" * 900, "x" * 100_000,
+    ],
+    ids=lambda x: repr(x)[:30],
+)  # fmt: skip
+def test_parse_refuses_and_lists_the_generators(text):
+    before = time.perf_counter()
+    with pytest.raises(BadValue) as info:
+        m.parse_motion(text)
+    assert time.perf_counter() - before < 5
+    assert all(name in str(info.value) for name in m.GENERATORS)
+    assert len(str(info.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("sinusoid(1)", "sinusoid(amplitude, freq, mean=0.0, phase=0.0): missing a required argument: 'freq'"),
+        ("sinusoid(1, 2, frequency=3)", "unexpected keyword argument 'frequency'"),
+        ("minimum_jerk(rise=-1)", "minimum_jerk: rise must be above 0, got -1.0"),
+        ("minimum_jerk(depth=1e999)", "minimum_jerk: depth must be a finite number, got inf"),
+        ("quantised(1, 2)", "quantised: motion must be a motion"),
+        ("sinusoid(sinusoid(1, 1), 1)", "sinusoid: amplitude must be a finite number"),
+        ("minimum_jerk(**1)", "unexpected keyword argument '**'"),
+        ("minimum_jerk(None)", "minimum_jerk: depth must be a finite number, got None"),
+    ],
+)
+def test_parse_says_what_is_wrong_in_a_call(text, says):
+    with pytest.raises(BadValue) as info:
+        m.parse_motion(text)
+    assert says in str(info.value)
+
+
+def test_parse_wants_text():
+    with pytest.raises(BadValue):
+        m.parse_motion(3)
+
+
+NUMBER = st.floats(-1, 1)
+POSITIVE = st.floats(1e-3, 10)
+LEAVES = st.one_of(
+    st.builds(m.minimum_jerk, NUMBER, NUMBER, POSITIVE, POSITIVE, POSITIVE, POSITIVE, st.none() | st.integers(1, 9)),
+    st.builds(m.sinusoid, NUMBER, POSITIVE, NUMBER, NUMBER),
+    st.builds(m.ramp_and_hold, NUMBER, POSITIVE, POSITIVE),
+    st.builds(m.constant_speed, POSITIVE, POSITIVE, NUMBER, st.booleans()),
+    st.builds(m.staircase_hold, NUMBER, st.integers(0, 99), POSITIVE, NUMBER),
+)
+ANY = st.recursive(
+    LEAVES,
+    lambda inner: st.one_of(
+        st.builds(m.quantised, inner, POSITIVE),
+        st.builds(m.jittered, inner, POSITIVE, POSITIVE, st.integers(0, 2**64 - 1), POSITIVE),
+    ),
+    max_leaves=4,
+)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(ANY, st.lists(st.integers(0, 700), max_size=5))
+def test_any_motion_reads_back_and_can_be_cut_anywhere(motion, cuts):
+    assert m.parse_motion(repr(motion)) == motion
+    t = np.arange(700) / 613.0
+    whole = motion(t)
+    assert np.array_equal(np.concatenate([motion(p) for p in np.split(t, sorted(cuts))]), whole)
