@@ -16,7 +16,7 @@ import numpy as np
 
 from . import units as un
 from .errors import BadValue, SceneError, UnitError
-from .maths import where
+from .maths import copy, where
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
@@ -117,7 +117,7 @@ class Block:
                 parts.append(repr(v) if isinstance(v, Const) else f"{type(v).__name__}({name})")
             elif isinstance(v, np.ndarray):
                 parts.append(f"{f.name}=[{v.size}]")
-            elif v is not None:
+            elif v is not None and v != "":
                 parts.append(f"{f.name}={v!r}" if self.children else repr(v))
         return f"{type(self).__name__}({', '.join(parts)})"
 
@@ -320,10 +320,17 @@ class Param(Block):
         return (), ParamState(float(self.value), float(self.value), 0.0)
 
     @staticmethod
-    def step(p, s):
-        ramping = where(s.left > 1.0, s.y + (s.target - s.y) / s.left, s.target)
-        y = where(s.left > 0.0, ramping, s.y)
-        return y, ParamState(y, s.target, where(s.left > 0.0, s.left - 1.0, 0.0))
+    def tile(p, s, y):
+        if s.left > 0.0:
+            v, left = s.y, s.left
+            for i in range(y.size):
+                v = where(left > 1.0, v + (s.target - v) / left, where(left > 0.0, s.target, v))
+                left = where(left > 0.0, left - 1.0, 0.0)
+                y[i] = v
+            return ParamState(v, s.target, left)
+        for i in range(y.size):
+            y[i] = s.y
+        return ParamState(s.y, s.target, 0.0)
 
 
 def _name(b):
@@ -536,15 +543,23 @@ class Guard(Block):
         return GuardParams(float(max(1, round(0.02 * fs)))), GuardState(0.0, -1.0, np.uint64(0))
 
     @staticmethod
-    def step(p, s, x):
-        healthy = where(s.left < 0.0, where(x - x == 0.0, 1.0, 0.0), 0.0) > 0.0
-        left = where(healthy, -1.0, where(s.left < 0.0, p.m, where(s.left > 0.0, s.left - 1.0, 0.0)))
-        last = where(healthy, x, s.last)
-        y = where(healthy, x, last * (left / p.m))
-        return y, GuardState(last, left, where(healthy, s.at + ONE_SAMPLE, s.at))
+    def tile(p, s, x, y):
+        last, left, at, bad = s.last, s.left, s.at, NONE
+        for i in range(y.size):
+            bad = bad + where(x[i] - x[i] == 0.0, NONE, ONE)
+        if left < 0.0 and bad == NONE:  # as nearly always
+            copy(x, y)
+            return GuardState(x[x.size - 1], left, at + np.uint64(x.size))
+        for i in range(y.size):
+            healthy = where(left < 0.0, where(x[i] - x[i] == 0.0, 1.0, 0.0), 0.0) > 0.0
+            left = where(healthy, -1.0, where(left < 0.0, p.m, where(left > 0.0, left - 1.0, 0.0)))
+            last = where(healthy, x[i], last)
+            at = where(healthy, at + ONE, at)
+            y[i] = where(healthy, x[i], last * (left / p.m))
+        return GuardState(last, left, at)
 
 
-ONE_SAMPLE = np.uint64(1)
+NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 # Flat memory ---------------------------------------------------------------------------------------------------------

@@ -2,46 +2,91 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import BadValue, UnknownName
 from .processor import Processor, compile
 from .scene import Scene
 
+Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
 """Input name to position: a function of time (array of s), or samples at fs."""
 
 
-def frames_of(proc: Processor, motion: Motion, seconds: float | None) -> int:
-    """Number of samples to run: of the given time, else of the shortest recording."""
-    missing, surplus = set(proc.inputs) - set(motion), set(motion) - set(proc.inputs)
-    if missing or surplus:
-        what = "; ".join(
-            f"{word} {', '.join(sorted(names))}" for word, names in (("missing", missing), ("not an input:", surplus)) if names
-        )
-        raise UnknownName(f"motion: {what} (the scene's inputs are {', '.join(proc.inputs) or 'none'})")
-    lengths = {}
-    for name, m in motion.items():
-        if not callable(m):
-            if np.ndim(m) != 1 or np.asarray(m).dtype != np.float64:
-                raise BadValue(f"motion {name!r}: float64 samples or a function of time are wanted, got {type(m).__name__}")
-            lengths[name] = len(m)
-    if seconds is None:
-        if not lengths:
-            raise BadValue("motion given as functions of time goes on for ever: say how many seconds to render")
-        return min(lengths.values())
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise BadValue(f"seconds = {seconds}: a time above 0 is wanted")
-    n = round(seconds * proc.fs)
-    for name, length in lengths.items():
-        if length < n:
-            raise BadValue(f"motion {name!r} has {length} samples, {n} are needed for {seconds:g} s at {proc.fs:g} Hz")
-    return n
+def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
+    """Raise UnknownName, listing what is wrong and what was expected, unless the names are the same."""
+    wrong = [f"{n} is missing" for n in expected if n not in given]
+    wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
+    if wrong:
+        raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
+
+
+def frames_of(seconds: float, fs: float) -> int:
+    """Whole samples of a duration; BadValue unless finite and at least one."""
+    try:
+        frames = float(seconds) * float(fs)
+    except (TypeError, ValueError, OverflowError):
+        raise BadValue(f"seconds must be a number, got {seconds!r}") from None
+    if not isfinite(frames) or round(frames) < 1:
+        raise BadValue(f"seconds must be finite and at least one sample, got {seconds!r} at fs = {fs:g} Hz")
+    return round(frames)
+
+
+def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
+    """Functions and float64 arrays, one per input, in the processor's order."""
+    if not isinstance(motion, Mapping):
+        kind = type(motion).__name__
+        raise BadValue(f"motion must map each input name to a function of time or an array, got {kind}")
+    check_names("motion", motion, inputs, "input")
+    sources = {}
+    for name in inputs:
+        source = motion[name]
+        if not callable(source):
+            try:
+                source = np.asarray(source, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise BadValue(f"motion of {name} must be a function of time or an array of numbers") from None
+            if source.ndim != 1 or len(source) < frames:
+                raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
+        sources[name] = source
+    return sources
+
+
+def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
+    """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
+    x = np.empty((len(sources), stop - start))
+    t = np.arange(start, stop) / fs
+    for row, (name, source) in zip(x, sources.items(), strict=True):
+        if callable(source):
+            values = np.asarray(source(t.copy()))
+            if values.shape != t.shape or values.dtype.kind not in "iuf":
+                raise BadValue(
+                    f"motion of {name} must give one number per time: {t.shape} float64 in, "
+                    f"{values.shape} {values.dtype} out"
+                )
+            row[:] = values
+        else:
+            row[:] = source[start:stop]
+        if not np.isfinite(row).all():
+            at = start + int(np.flatnonzero(~np.isfinite(row))[0])
+            raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
+    return x
+
+
+def pull(proc: Any, sources: dict[str, Any], frames: int, block: int) -> Iterator[Array]:
+    """Blocks (n_outputs, n) of a processor along a motion that ``sources_of`` has checked; each is valid until the next."""
+    y = np.empty((len(proc.outputs), min(block, frames)))
+    for start in range(0, frames, block):
+        stop = min(start + block, frames)
+        if stop - start != y.shape[1]:
+            y = np.empty((len(proc.outputs), stop - start))
+        yield proc.process(positions(sources, start, stop, proc.fs), y)
 
 
 def stream(proc: Processor, motion: Motion, seconds: float | None = None, block: int = 8192) -> Iterator[np.ndarray]:
@@ -74,16 +119,20 @@ def stream(proc: Processor, motion: Motion, seconds: float | None = None, block:
     >>> sum(y.shape[1] for y in stimlib.stream(proc, {"x": np.ones(100)}, block=30))
     100
     """
-    n = frames_of(proc, motion, seconds)
-    x, y = np.empty((len(proc.inputs), block)), np.empty((len(proc.outputs), block))
-    for start in range(0, n, block):
-        m = min(block, n - start)
-        if m < block:
-            x, y = np.empty((len(proc.inputs), m)), np.empty((len(proc.outputs), m))
-        for row, name in zip(x, proc.inputs, strict=True):
-            source = motion[name]
-            row[:] = source(np.arange(start, start + m) / proc.fs) if callable(source) else source[start : start + m]
-        yield proc.process(x, y)
+    frames, sources = _plan(proc, motion, seconds)
+    return pull(proc, sources, frames, block)
+
+
+def _plan(proc: Processor, motion: Motion, seconds: float | None) -> tuple[int, dict[str, Any]]:
+    """Number of samples, by default those of the shortest recording, and the checked motion."""
+    sources = sources_of(motion, proc.inputs, 0)
+    if seconds is not None:
+        frames = frames_of(seconds, proc.fs)
+        return frames, sources_of(sources, proc.inputs, frames)
+    lengths = [len(s) for s in sources.values() if not callable(s)]
+    if not lengths:
+        raise BadValue("motion given as functions of time goes on for ever: say how many seconds to render")
+    return min(lengths), sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +208,10 @@ def render(
     proc = compile(scene, fs, target, seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
-    n = frames_of(proc, motion, seconds)
-    y = np.empty((len(proc.outputs), n))
+    frames, sources = _plan(proc, motion, seconds)
+    y = np.empty((len(proc.outputs), frames))
     at = 0
-    for part in stream(proc, motion, seconds):
+    for part in pull(proc, sources, frames, 8192):
         y[:, at : at + part.shape[1]] = part
         at += part.shape[1]
     return Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))

@@ -2,7 +2,8 @@
 
 Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the functions of ``stimlib.maths``, helper
 functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
-to the interpreter, the compiler and automatic differentiation.
+to the interpreter, the compiler and automatic differentiation.  A tile may also use ``if``, ``and``, ``or``: it is never
+differentiated.
 """
 
 from __future__ import annotations
@@ -80,8 +81,8 @@ def names(f: Callable) -> dict[str, Any]:
     return found
 
 
-def check(f: Callable) -> None:
-    """Raise SceneError, with file and line, where a step says what not every target means alike.
+def check(f: Callable, tile: bool = False) -> None:
+    """Raise SceneError, with file and line, where a step or tile says what not every target means alike.
 
     Examples
     --------
@@ -89,11 +90,11 @@ def check(f: Callable) -> None:
     >>> from stimlib.steps import check
     >>> check(Mul.step)
     """
-    _check(f, f.__code__)
+    _check(f, f.__code__, tile)
 
 
 @cache
-def _check(f: Callable, code: types.CodeType) -> None:  # the code too: a notebook may change a function in place
+def _check(f: Callable, code: types.CodeType, tile: bool) -> None:  # the code too: a notebook may change a function in place
     text = source(f)
     offset = code.co_firstlineno - 1
 
@@ -102,6 +103,8 @@ def _check(f: Callable, code: types.CodeType) -> None:  # the code too: a notebo
 
     known = names(f)
     for node in ast.walk(ast.parse(text)):
+        if tile and isinstance(node, (ast.If, ast.BoolOp, ast.And, ast.Or)):
+            continue
         if type(node) in _WORDS:
             refuse(node, _WORDS[type(node)])
         if isinstance(node, ast.For):

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..errors import BadValue
 from ..graph import Block, as_block
+from ..maths import where
 
-ONE = np.uint64(1)
+NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 class DelayParams(NamedTuple):
@@ -19,7 +20,7 @@ class DelayParams(NamedTuple):
 
 class DelayState(NamedTuple):
     line: np.ndarray
-    at: np.uint64
+    at: np.uint64  # place of the oldest sample: samples seen, modulo the line's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +47,10 @@ class Delay(Block):
 
     @staticmethod
     def step(p, s, x):
-        i = np.int64(s.at % np.uint64(s.line.size))
+        i = np.int64(s.at)
         y = s.line[i]
         s.line[i] = x
-        return y, DelayState(s.line, s.at + ONE)
+        return y, DelayState(s.line, where(s.at + ONE == np.uint64(s.line.size), NONE, s.at + ONE))
 
     @staticmethod
     def transfer(p, z):

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from .. import units as un
 from ..errors import BadValue
 from ..graph import Block, positive
 from ..maths import where
 from .impedance import Velocity, step_peak
+
+
+NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 class GateParams(NamedTuple):
@@ -28,9 +33,19 @@ class Gate(Block, abstract=True):
         return un.ONE
 
     @staticmethod
-    def step(p, s, x):
-        g = where(x > where(s.g > 0.0, p.off, p.on), 1.0, 0.0)
-        return g, GateState(g)
+    def tile(p, s, x, y):
+        g, above_on, above_off = s.g, NONE, NONE
+        for i in range(y.size):
+            above_on = above_on + where(x[i] > p.on, ONE, NONE)
+            above_off = above_off + where(x[i] > p.off, ONE, NONE)
+        if (g > 0.0 and above_off == np.uint64(y.size)) or (g == 0.0 and above_on == NONE):  # nothing changes
+            for i in range(y.size):
+                y[i] = g
+            return s
+        for i in range(y.size):
+            g = where(x[i] > where(g > 0.0, p.off, p.on), 1.0, 0.0)
+            y[i] = g
+        return GateState(g)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from .. import units as un
 from ..errors import BadValue
 from ..graph import Block, Const, as_block, constant, positive
-from ..maths import flush, fma, where
+from ..maths import TINY, flush, fma, where
 from ..units import unit
 from .fir import RATE
 
@@ -54,9 +54,9 @@ class Velocity(Block):
     @staticmethod
     def step(p, s, x):
         d = where(s.cold > 0.0, 0.0, (x - s.last) * p.fs)
-        a = flush(fma(p.g, d - s.a, s.a))
-        b = flush(fma(p.g, a - s.b, s.b))
-        return b, VelocityState(x, a, b, 0.0)
+        a = fma(p.g, (d + TINY) - s.a, s.a)
+        b = fma(p.g, a - s.b, s.b)
+        return flush(b), VelocityState(x, a, b, 0.0)
 
     @staticmethod
     def transfer(p, z):
@@ -134,8 +134,8 @@ class FirstOrder(Block):
 
     @staticmethod
     def step(p, s, x):
-        y = flush(fma(p.e, s.y, fma(p.now, x, p.before * s.last)))
-        return y, FirstOrderState(y, x)
+        y = fma(p.e, s.y, fma(p.now, x, p.before * s.last) + TINY)
+        return flush(y), FirstOrderState(y, x)
 
     @staticmethod
     def transfer(p, z):

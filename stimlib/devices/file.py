@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module, metadata
-from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import BadValue, FaultError, SinkError, UnitError, UnknownName
+from ..errors import BadValue, FaultError, SinkError, UnitError
+from ..rendering import check_names, frames_of, pull, sources_of
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Pulled(Protocol):
     def params(self) -> Mapping[str, Any]: ...
     @property
     def fault(self) -> tuple[str, int] | None: ...
-    def process(self, x: Array) -> Array: ...
+    def process(self, x: Array, out: Array | None = None) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def write(
     >>> from types import SimpleNamespace
     >>> spring = SimpleNamespace(  # stands for a compiled processor
     ...     inputs=("x",), outputs=("force",), units={"x": "m", "force": "N"}, fs=8000.0, seed=0, params={"k": 2000.0},
-    ...     scene=SimpleNamespace(to_dict=dict, hash="0"), fault=None, process=lambda x: 2000.0 * x)
+    ...     scene=SimpleNamespace(to_dict=dict, hash="0"), fault=None, process=lambda x, out: 2000.0 * x)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     report = write(folder + "/spring.wav", spring, {"x": lambda t: 0.02 * t}, seconds=1.0)
     ...     y, sidecar = read(folder + "/spring.wav")
@@ -183,10 +183,10 @@ def write(
     """
     path = Path(path)
     sidecar = _sidecar(path)
-    frames = _frames(seconds, proc.fs)
+    frames = frames_of(seconds, proc.fs)
     format, subtype = _format(path, format, subtype)
     _check_format(format, subtype, proc, frames)
-    sources = _sources(motion, proc.inputs, frames)
+    sources = sources_of(motion, proc.inputs, frames)
     scales = _full_scales(full_scale, proc, format)
     if isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1:
         raise BadValue(f"block must be a whole number of samples above 0, got {block!r}")
@@ -320,16 +320,6 @@ def _soundfile() -> Any:
     return import_module("soundfile")  # here and not above: it loads a shared library
 
 
-def _frames(seconds: float, fs: float) -> int:
-    try:
-        frames = float(seconds) * float(fs)
-    except (TypeError, ValueError, OverflowError):
-        raise BadValue(f"seconds must be a number, got {seconds!r}") from None
-    if not isfinite(frames) or round(frames) < 1:
-        raise BadValue(f"seconds must be finite and at least one sample, got {seconds!r} at fs = {fs:g} Hz")
-    return round(frames)
-
-
 def _format(path: Path, format: str | None, subtype: str | None) -> tuple[str, str]:
     name = (path.suffix[1:] if format is None else str(format).lstrip(".")).upper()
     if name not in FORMATS:
@@ -373,26 +363,6 @@ def _check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
         raise SinkError(f"folder {path.parent} is not writable")
 
 
-def _sources(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
-    """Functions and float64 arrays, one per input, in the processor's order."""
-    if not isinstance(motion, Mapping):
-        kind = type(motion).__name__
-        raise BadValue(f"motion must map each input name to a function of time or an array, got {kind}")
-    _check_names("motion", motion, inputs, "input")
-    sources = {}
-    for name in inputs:
-        source = motion[name]
-        if not callable(source):
-            try:
-                source = np.asarray(source, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise BadValue(f"motion of {name} must be a function of time or an array of numbers") from None
-            if source.ndim != 1 or len(source) < frames:
-                raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
-        sources[name] = source
-    return sources
-
-
 def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Pulled, format: str) -> Array:
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
@@ -400,7 +370,7 @@ def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Pulled, f
         unit = next(iter(units)) if len(units) == 1 else "each output's unit, by name"
         raise BadValue(f"FLAC has no samples above full scale: give full_scale, in {unit}")
     if isinstance(full_scale, Mapping):
-        _check_names("full_scale", full_scale, outputs, "output")
+        check_names("full_scale", full_scale, outputs, "output")
         values = [full_scale[name] for name in outputs]
     else:
         if full_scale is not None and len(units) > 1:
@@ -414,13 +384,6 @@ def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Pulled, f
     if not (np.isfinite(scales) & (scales > 0)).all():
         raise BadValue(f"full_scale must be finite and above 0, got {full_scale!r}")
     return scales
-
-
-def _check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
-    wrong = [f"{n} is missing" for n in expected if n not in given]
-    wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
-    if wrong:
-        raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
 
 
 # -- the run
@@ -444,9 +407,9 @@ def _run(
     digest = hashlib.sha256()
     last: NDArray[Any] = np.empty((0, len(outputs)))
     with _bar(frames, progress) as advance, _audio(path, int(fs), len(outputs), format, subtype) as f:
-        for start in range(0, frames, block):
-            stop = min(start + block, frames)
-            y = proc.process(_inputs(sources, start, stop, fs))
+        stop = 0
+        for y in pull(proc, sources, frames, block):
+            start, stop = stop, stop + y.shape[1]
             if proc.fault is not None:
                 raise _fault(proc.fault, fs, path)
             _check_outputs(y, outputs, start, stop, fs, path)
@@ -509,26 +472,6 @@ def _check_end(path: Path, frames: int, last: NDArray[Any]) -> None:
         f.seek(frames - len(last))
         if not np.array_equal(f.read(dtype=last.dtype.name, always_2d=True), last):
             raise AssertionError("the file does not end with the last samples")
-
-
-def _inputs(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
-    x = np.empty((len(sources), stop - start))
-    t = np.arange(start, stop) / fs
-    for row, (name, source) in zip(x, sources.items(), strict=True):
-        if callable(source):
-            values = np.asarray(source(t.copy()))
-            if values.shape != t.shape or values.dtype.kind not in "iuf":
-                raise BadValue(
-                    f"motion of {name} must give one number per time: {t.shape} float64 in, "
-                    f"{values.shape} {values.dtype} out"
-                )
-            row[:] = values
-        else:
-            row[:] = source[start:stop]
-        if not np.isfinite(row).all():
-            at = start + int(np.flatnonzero(~np.isfinite(row))[0])
-            raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
-    return x
 
 
 def _check_outputs(y: Array, outputs: tuple[str, ...], start: int, stop: int, fs: float, path: Path) -> None:

@@ -13,6 +13,8 @@ from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from stimlib import maths
+
 F8, I8, U8 = types.CPointer(types.float64), types.CPointer(types.int64), types.CPointer(types.uint64)
 SEGMENT = types.void(F8, F8, F8, I8, types.int64)  # P, S, W, A, n
 f8, u8, i8 = types.float64, types.uint64, types.int64
@@ -24,7 +26,7 @@ WIDE = bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
 OUTS = 2 if WIDE else 1  # vectors of outputs a FIR keeps in registers, next to eight partial sums each
 LANES = ir.VectorType(DOUBLE, 8 if WIDE else 4)
 
-TINY = 1e-200
+TINY, SILENT = maths.TINY, maths.SILENT
 
 
 # one value -----------------------------------------------------------------------------------------------------------
@@ -65,7 +67,7 @@ sqrt, floor = np.sqrt, np.floor
 
 @plain
 def flush(x):
-    return where(abs(x) <= TINY, 0.0, x)
+    return where(abs(x) <= SILENT, 0.0, x)
 
 
 # memory --------------------------------------------------------------------------------------------------------------
@@ -308,7 +310,7 @@ def _modes_sum(ctx, d, x, w, y):
             s = _across(b, _load(b, b.gep(w.data, [b.shl(i, I64(3))]), V8))
             s = b.fma(v[0], b.load(b.gep(x.data, [i])), s)
             size = b.call(b.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [s])
-            zero = b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, TINY))
+            zero = b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT))
             b.store(b.select(zero, ir.Constant(DOUBLE, 0.0), s), b.gep(y.data, [i]))
         return c.get_dummy_value()
 

@@ -162,7 +162,7 @@ def _tuple_text(name: str, t: type) -> str:
 def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int):
     """The segment of a block class whose parameters and states have these kinds of fields."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
-    steps.check(f)
+    steps.check(f, tile=f is cls.tile)  # type: ignore[attr-defined]
     out, done = [_HEAD], {}
     for t, fields in ((p_type, p_kinds), (s_type, s_kinds)):
         if fields and t.__name__ not in done:
