@@ -150,7 +150,9 @@ def render_(
             else:
                 motions |= dict.fromkeys(made.inputs, parse_motion(text))
         if missing := set(made.inputs) - set(motions):
-            raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
+            raise BadValue(
+                f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list"
+            )
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
             proc.set(name, value, ramp=0.0)
@@ -192,17 +194,19 @@ def show(
 def list_():
     """The shipped scenes, with their live numbers, and the motions that render understands."""
     with _friendly():
-        from .devices import motion
+        from .devices.motion import GENERATORS
 
         out = Console()
         for name, make in shipped().items():
             made = make()  # type: ignore[operator]
-            out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}")
+            out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
             out.print(f"    {made!r}", markup=False, highlight=False, soft_wrap=True)
         out.print("[bold]motions[/]")
-        for name in motion.GENERATORS:
-            f = getattr(motion, name)
-            out.print(f"    {name}{inspect.signature(f)}".replace(" -> None", ""), markup=False, highlight=False, soft_wrap=True)
+        for name, make in GENERATORS.items():
+            words = [
+                p.name if p.default is p.empty else f"{p.name}={p.default}" for p in inspect.signature(make).parameters.values()
+            ]
+            out.print(f"    [bold]{name}[/]({', '.join(words)})  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
 
 
 if __name__ == "__main__":

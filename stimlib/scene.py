@@ -76,7 +76,7 @@ class Scene:
                     fields[f.name] = number[id(v)]
                 else:
                     fields[f.name] = v.tolist() if isinstance(v, np.ndarray) else v
-            blocks.append({"block": type_name(type(b)), **fields})
+            blocks.append({"class": type_name(type(b)), "fields": fields})
         return {"stimlib_scene": VERSION, "blocks": blocks, "outputs": {n: number[id(b)] for n, b in self.outputs.items()}}
 
     @classmethod
@@ -106,14 +106,14 @@ class Scene:
         if not isinstance(entries, list) or not isinstance(outputs, dict):
             raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
         for i, entry in enumerate(entries):
-            if not isinstance(entry, dict) or not isinstance(entry.get("block"), str):
-                raise SceneFileError(f"{where}: block {i} has no class name")
-            name = entry["block"]
+            if not isinstance(entry, dict) or not isinstance(entry.get("class"), str) or not isinstance(entry.get("fields"), dict):
+                raise SceneFileError(f"{where}: block {i} must have a class and fields")
+            name = entry["class"]
             if name not in registry:
                 hint = f"import {name.rpartition('.')[0]} first" if "." in name else "update stimlib"
                 raise SceneFileError(f"{where}: block {i} is a {name!r}, which is not known here: {hint}")
             kind = registry[name]
-            fields = {k: v for k, v in entry.items() if k != "block"}
+            fields = dict(entry["fields"])
             known = {f.name for f in dc.fields(kind)}  # type: ignore[arg-type]
             if set(fields) != known:
                 wrong = ", ".join(sorted(set(fields) ^ known))

@@ -2,7 +2,7 @@
 
 The columns come from the longest path.  Inside, everything is a rectangle over a span of columns: a block takes one, an
 ``enabled`` box as many as it is deep, and a connection that skips columns is a wire as long as the columns it crosses.
-So nothing is drawn across anything else, and the curves need only the gaps between columns.
+So no line runs across a block, and the curves need only the gaps between columns.
 """
 
 from __future__ import annotations

@@ -1,0 +1,138 @@
+"""The command line as a person uses it: real files, real processes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib.cli import app
+from stimlib.devices import file
+from stimlib.devices.motion import minimum_jerk, sinusoid
+
+run = CliRunner()
+OWN = """
+from stimlib import Input, Param, Scene
+def soft():
+    return Scene({"force": Param("k", 500.0, "N/m") * Input("x", "m")})
+def number():
+    return 3
+"""
+
+
+def test_render_writes_what_the_library_renders(tmp_path):
+    out = tmp_path / "a.wav"
+    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.01)", "--motion", "x2=sinusoid(0.001, 5)", "--seconds", "0.5"]
+    done = run.invoke(app, [*words, "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"])
+    assert done.exit_code == 0, done.output
+    y, sidecar = file.read(out)
+    motion = {"x1": minimum_jerk(depth=0.01), "x2": sinusoid(0.001, 5.0)}
+    wanted = stimlib.render(stimlib.scenes.squeeze(), motion, 4000, 0.5, {"k": 1000.0}, seed=3)
+    assert y.tobytes() == wanted.y.tobytes()
+    assert sidecar["params"]["k"] == 1000.0 and sidecar["seed"] == 3
+
+
+def test_render_draws_a_picture(tmp_path):
+    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "0.5", "--quiet"]
+    done = run.invoke(app, [*words, "--out", str(tmp_path / "a.flac"), "--full-scale", "100", "--picture", str(tmp_path / "a.png")])
+    assert done.exit_code == 0, done.output
+    assert done.output == ""
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("source", ["own.py:soft", "saved.json"])
+def test_scene_from_own_code_and_from_a_file(tmp_path, source):
+    (tmp_path / "own.py").write_text(OWN)
+    x = stimlib.Input("x", "m")
+    stimlib.Scene({"force": stimlib.Param("k", 500.0, "N/m") * x}).save(tmp_path / "saved.json")
+    out = tmp_path / "a.wav"
+    words = ["render", str(tmp_path / source), "--motion", "constant_speed(0.1, 0.02)", "--seconds", "0.1"]
+    done = run.invoke(app, [*words, "--out", str(out), "--quiet"])
+    assert done.exit_code == 0, done.output
+    assert file.read(out)[0].max() == pytest.approx(500 * 0.1 * 0.1, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["render", "sqeeze"], "no scene 'sqeeze': use one of squeeze"),
+        (["render", "squeeze"], "no motion for x1, x2"),
+        (["render", "squeeze", "--motion", "jump()"], "minimum_jerk, sinusoid"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k"], "NAME=VALUE"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k=two"], "'two' is not a number"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "q=2"], "this scene has k, A, level"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "-1"], "sample rate must be a finite number above 0"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"], "give a smaller passband"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds must be finite"),
+        (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
+        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "has no function 'nothing'"),
+        (["render", "missing.py:f"], "no file missing.py"),
+        (["render", "missing.json"], "cannot read missing.json"),
+    ],
+)
+def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
+    (tmp_path / "own.py").write_text(OWN)
+    words = [w.replace("OWN", str(tmp_path / "own.py")) for w in words]
+    done = run.invoke(app, [*words, "--out", str(tmp_path / "a.wav")])
+    assert done.exit_code == 2
+    assert says in done.stderr.replace("\n", " ")
+    assert "Traceback" not in done.output
+    assert [p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"] == []
+
+
+def test_show_prints_the_plan_draws_and_saves(tmp_path):
+    done = run.invoke(app, ["show", "squeeze", "--draw", str(tmp_path / "g.svg"), "--save", str(tmp_path / "s.json")])
+    assert done.exit_code == 0, done.output
+    assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
+    assert "<svg" in (tmp_path / "g.svg").read_text()
+    assert stimlib.load(tmp_path / "s.json").hash == stimlib.scenes.squeeze().hash
+
+
+def test_list_names_scenes_and_motions():
+    done = run.invoke(app, ["list"])
+    assert done.exit_code == 0
+    assert "squeeze" in done.output and "minimum_jerk(depth=0.02" in done.output
+
+
+def test_help_teaches():
+    done = run.invoke(app, ["render", "--help"])
+    assert done.exit_code == 0 and "minimum_jerk" in done.output
+
+
+def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
+    out = tmp_path / "long.rf64"
+    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "100000", "--out", str(out)]
+    job = subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE, text=True)
+    part = tmp_path / "long.rf64.part"
+    for _ in range(600):
+        if part.exists() and part.stat().st_size > 1_000_000:
+            break
+        assert job.poll() is None, job.stderr.read()
+        time.sleep(0.1)
+    job.send_signal(signal.SIGINT)
+    _, said = job.communicate(timeout=60)
+    assert job.returncode == 130 and "nothing was left behind" in said
+    assert os.listdir(tmp_path) == []
+
+
+def test_sidecar_is_enough_to_render_again(tmp_path):
+    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.005)", "--seconds", "0.3", "--set", "A=2", "--quiet"]
+    assert run.invoke(app, [*words, "--out", str(tmp_path / "a.w64"), "--subtype", "DOUBLE"]).exit_code == 0
+    sidecar = json.loads((tmp_path / "a.w64.json").read_text())
+    from stimlib.devices.motion import parse_motion
+
+    again = stimlib.render(
+        stimlib.Scene.from_dict(sidecar["scene"]),
+        {name: parse_motion(text) for name, text in sidecar["motion"].items()},
+        sidecar["fs"],
+        sidecar["frames"] / sidecar["fs"],
+        sidecar["params"],
+        sidecar["seed"],
+    )
+    assert np.array_equal(file.read(tmp_path / "a.w64")[0], again.y)
