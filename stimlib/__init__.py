@@ -15,16 +15,18 @@ _HOME = {
     "Block": "graph", "Input": "graph", "Param": "graph", "constant": "graph", "enabled": "graph",
     "Scene": "scene", "load": "scene",
     "compile": "processor", "Processor": "processor",
+    "verify": "checks.verify",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors",
 }  # fmt: skip
-_ROOMS = ("blocks", "scenes", "devices", "maths", "units", "graph")
+_ROOMS = ("blocks", "scenes", "devices", "checks", "maths", "units", "graph")
 
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import blocks, devices, graph, maths, scenes, units
+    from . import blocks, checks, devices, graph, maths, scenes, units
+    from .checks.verify import verify
     from .errors import BadValue, FaultError, SceneError, SceneFileError, SinkError, StimlibError, UnitError, UnknownName
     from .graph import Block, Input, Param, constant, enabled
     from .processor import Processor, compile

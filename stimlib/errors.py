@@ -13,6 +13,10 @@ class UnitError(BadValue):
     """Two quantities with different units meet."""
 
 
+class RecordingError(BadValue):
+    """A recording cannot be used as a motion; the message names file, row, column and remedy."""
+
+
 class SceneError(StimlibError, ValueError):
     """The graph of a scene is wrong."""
 

@@ -85,10 +85,8 @@ class Processor:
         self.outputs: tuple[str, ...] = tuple(self.program.outputs)
         blocks = self.program.instances
         self.units: dict[str, str] = {
-            n: str(blocks[i].block.dim)
-            for group in (self.program.inputs, self.program.params, self.program.outputs)
-            for n, i in group.items()
-        }
+            n: str(blocks[i].block.dim) for group in (self.program.inputs, self.program.params) for n, i in group.items()
+        } | {n: str(b.dim) for n, b in scene.outputs.items()}  # equal outputs share an instance, not a unit
         self.seed = 0
         self.log: list[Change] = []
         self._fresh: dict[int, np.ndarray] = {}

@@ -67,8 +67,7 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
             values = np.asarray(source(t.copy()))
             if values.shape != t.shape or values.dtype.kind not in "iuf":
                 raise BadValue(
-                    f"motion of {name} must give one number per time: {t.shape} float64 in, "
-                    f"{values.shape} {values.dtype} out"
+                    f"motion of {name} must give one number per time: {t.shape} float64 in, {values.shape} {values.dtype} out"
                 )
             row[:] = values
         else:

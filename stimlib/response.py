@@ -84,4 +84,6 @@ def _through(b: Any, p: Any, z: np.ndarray, H: list[Any], value: list[float | No
         return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
     if isinstance(b, Div):
         return H[0] / value[1] if H[0] is not None and value[1] is not None else None
-    return type(b).transfer(p, z) * H[0] if type(b).transfer is not None else None
+    if type(b).transfer is None or H[0] is None or any(v is None for v in value[1:]):
+        return None  # only the first signal may vary
+    return type(b).transfer(p, z) * H[0]

@@ -26,6 +26,8 @@ class Scene:
     Parameters
     ----------
     outputs : dict of str to Block
+    law : str, optional
+        Name of the physical law (``stimlib.checks.laws.SCENES``) that a verifier shall hold the outputs against.
 
     Raises
     ------
@@ -39,12 +41,13 @@ class Scene:
     Scene(x [m], k [N/m] -> force [N])
     """
 
-    def __init__(self, outputs: Mapping[str, Block]):
+    def __init__(self, outputs: Mapping[str, Block], law: str | None = None):
         if not isinstance(outputs, Mapping) or not outputs:
             raise SceneError('a scene needs named outputs, such as Scene({"force": force})')
         for name in outputs:
             if not isinstance(name, str) or not name.replace("_", "a").isalnum():
                 raise SceneError(f"output name {name!r} must be letters, digits and underscores")
+        self.law = law
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         lower(self.outputs)  # finds what is wrong with the graph now, where it was written
 
@@ -77,7 +80,8 @@ class Scene:
                 else:
                     fields[f.name] = v.tolist() if isinstance(v, np.ndarray) else v
             blocks.append({"class": type_name(type(b)), "fields": fields})
-        return {"stimlib_scene": VERSION, "blocks": blocks, "outputs": {n: number[id(b)] for n, b in self.outputs.items()}}
+        outputs = {n: number[id(b)] for n, b in self.outputs.items()}
+        return {"stimlib_scene": VERSION, "law": self.law, "blocks": blocks, "outputs": outputs}
 
     @classmethod
     def from_dict(cls, data: Any, where: str = "scene") -> Scene:
@@ -106,7 +110,11 @@ class Scene:
         if not isinstance(entries, list) or not isinstance(outputs, dict):
             raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
         for i, entry in enumerate(entries):
-            if not isinstance(entry, dict) or not isinstance(entry.get("class"), str) or not isinstance(entry.get("fields"), dict):
+            if (
+                not isinstance(entry, dict)
+                or not isinstance(entry.get("class"), str)
+                or not isinstance(entry.get("fields"), dict)
+            ):
                 raise SceneFileError(f"{where}: block {i} must have a class and fields")
             name = entry["class"]
             if name not in registry:
@@ -126,7 +134,10 @@ class Scene:
                 raise SceneFileError(f"{where}: block {i} ({name}): {e}") from e
             except (TypeError, ValueError, AttributeError) as e:
                 raise SceneFileError(f"{where}: block {i} ({name}) has a field of a wrong kind: {e}") from e
-        return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()})
+        law = data.get("law")
+        if not isinstance(law, (str, type(None))):
+            raise SceneFileError(f"{where}: law must be a name")
+        return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()}, law)
 
     @property
     def hash(self) -> str:

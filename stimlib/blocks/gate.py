@@ -13,7 +13,6 @@ from ..graph import Block, positive
 from ..maths import where
 from .impedance import Velocity, step_peak
 
-
 NONE, ONE = np.uint64(0), np.uint64(1)
 
 

@@ -35,10 +35,11 @@ class VelocityState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Velocity(Block):
-    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi cutoff / fs)."""
+    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi cutoff / fs); all 0 off contact."""
 
     x: Block
     cutoff: float
+    contact: Block
 
     def check(self):
         positive(self, "cutoff")
@@ -52,11 +53,11 @@ class Velocity(Block):
         return VelocityParams(pole_gain(self.cutoff, fs), fs), VelocityState(0.0, 0.0, 0.0, 1.0)
 
     @staticmethod
-    def step(p, s, x):
+    def step(p, s, x, contact):
         d = where(s.cold > 0.0, 0.0, (x - s.last) * p.fs)
-        a = fma(p.g, (d + TINY) - s.a, s.a)
-        b = fma(p.g, a - s.b, s.b)
-        return flush(b), VelocityState(x, a, b, 0.0)
+        a = where(contact > 0.0, fma(p.g, (d + TINY) - s.a, s.a), 0.0)
+        b = where(contact > 0.0, fma(p.g, a - s.b, s.b), 0.0)
+        return flush(b), VelocityState(x, a, b, where(contact > 0.0, 0.0, 1.0))
 
     @staticmethod
     def transfer(p, z):
@@ -67,7 +68,7 @@ class Velocity(Block):
         return 0.5 + 2 * (1 - p.g) / p.g
 
 
-def velocity(x: Block, cutoff: float = 100.0) -> Block:
+def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> Block:
     """Rate of change through two poles; at rest on the first sample, whatever its value.
 
     Parameters
@@ -75,6 +76,8 @@ def velocity(x: Block, cutoff: float = 100.0) -> Block:
     x : Block
     cutoff : float
         Of each pole, in Hz.  Latency 1/(pi cutoff) seconds: 3.2 ms at 100 Hz.
+    contact : Block
+        Where it is not above 0 the velocity is 0; at re-contact it starts anew, so a jump of position makes none.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def velocity(x: Block, cutoff: float = 100.0) -> Block:
     >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(6)
     np.float64(0.1)
     """
-    return Velocity(x, cutoff)
+    return Velocity(x, cutoff, as_block(contact))
 
 
 class FirstOrderParams(NamedTuple):

@@ -18,6 +18,7 @@ def squeeze(
     tol_db: float = 0.01,
     cutoff: float = 100.0,
     resolution: float = 1e-6,
+    contact: bool = False,
 ) -> Scene:
     """Forces of a squeezed object: a spring, and vibration while it is being loaded.
 
@@ -45,6 +46,8 @@ def squeeze(
         Of the velocity estimate, in Hz.
     resolution : float
         Encoder step in m, for the loading gate.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
 
     Returns
     -------
@@ -62,11 +65,12 @@ def squeeze(
     """
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period
+    touching = Input("contact") if contact else 1.0
     outputs = {}
     for i in range(1, fingers + 1):
         x = Input(f"x{i}", "m")
-        v = velocity(x, cutoff)
+        v = velocity(x, cutoff, touching)
         dp = differentiator(pink_noise(1 / pi, seed, stream=i, f_low=f_low, tol_db=tol_db), passband=passband)
         noise = enabled(dp, by=loading(v, resolution=resolution) * nonzero(A_ * level_))
         outputs[f"force{i}"] = spring(x, k_) + (A_ * level_) * (k_ * tau * v) * (tau * noise)
-    return Scene(outputs)
+    return Scene(outputs, law="squeeze")

@@ -1,0 +1,41 @@
+"""Sphinx configuration.  The pages use no external host: no formulas by script, no fonts, no badges."""
+
+import re
+
+import stimlib
+
+project = "stimlib"
+author = "the stimlib authors"
+copyright = author
+version = release = stimlib.__version__
+
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
+exclude_patterns = ["_build", "generated"]
+nitpicky = False
+
+autosummary_generate = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say it, with units
+autodoc_default_options = {"members": False}
+numpydoc_show_class_members = False
+numpydoc_validation_checks: set[str] = set()
+
+html_theme = "furo"
+html_title = f"stimlib {version}"
+html_copy_source = False
+html_show_sourcelink = False
+html_show_sphinx = False
+html_show_copyright = False
+
+
+def plain_marks(app, what, name, obj, options, lines):
+    """Docstrings are written to be read as text: `name` is code, and a bar is a bar."""
+    for i, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = re.split(r"(``.*?``)", line)
+            parts[::2] = [re.sub(r"(?<!:)`([^`]+)`", r"``\1``\\ ", t).replace("|", r"\|") for t in parts[::2]]
+            lines[i] = "".join(parts)
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", plain_marks, priority=400)

@@ -1,0 +1,423 @@
+"""Is what was rendered what the model says?  Every check states what it compares, how far apart it was, and the limit."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue, SceneError, StimlibError
+from ..graph import Block, Enabled, Input, pack, reach, signals
+from ..processor import Processor, compile
+from ..rendering import Rendering, positions, sources_of
+from ..scene import Scene
+from . import laws, spectra
+from .report import Report
+
+ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
+ROUNDING = 1e-10  # of two computations of one transfer function
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison: passed where measured <= limit."""
+
+    group: str
+    name: str
+    measured: float
+    limit: float
+    text: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether it held; a measurement that is not a number does not."""
+        return bool(self.measured <= self.limit)
+
+
+@dataclass(frozen=True)
+class Tap:
+    """One gated noise of the scene, seen before gate and rate on its own clock."""
+
+    name: str
+    output: str
+    stream: np.ndarray  # the enabled samples, one after the other
+    gated: np.ndarray  # with 0 while held
+    gate: np.ndarray
+    model: Callable[[np.ndarray], np.ndarray]  # one-sided PSD
+    f_low: float
+    f_high: float
+    noise: str
+    spectrum: spectra.Spectrum | None = None
+
+
+@dataclass
+class Evidence:
+    """What the checks look at; the report draws from it."""
+
+    scene: Scene
+    proc: Processor
+    fs: float
+    seed: int
+    params: dict[str, float]
+    x: np.ndarray
+    y: np.ndarray  # the re-render in float64
+    shown: np.ndarray  # what was delivered
+    source: str
+    sidecar: dict[str, Any] | None
+    motion: dict[str, Any]
+    taps: list[Tap] = field(default_factory=list)
+    fingers: dict[str, laws.Finger] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)
+
+
+def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Report:
+    """Prove a rendering, or a file written by the file sink, against its scene and motion.
+
+    Parameters
+    ----------
+    scene : Scene
+    motion : dict of str to callable or ndarray
+        As it was rendered.
+    rendering : Rendering or path
+        What was displayed.
+
+    Returns
+    -------
+    Report
+        ``passed``, ``checks``, ``to_html(path)``; ``print`` it for a table.
+
+    Raises
+    ------
+    BadValue
+        A file of another scene, sample rate or set of live numbers; motion that does not fit.
+    SinkError
+        A damaged file or sidecar.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.motion import minimum_jerk
+    >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
+    >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)).passed
+    True
+    """
+    e = _evidence(scene, motion, rendering)
+    checks = [*_lti(e), *_same_samples(e), *_generator(e), *_noise(e), *_scene_law(e), *_limits(e)]
+    return Report(checks, e)
+
+
+def _evidence(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Evidence:
+    sidecar = None
+    if isinstance(rendering, Rendering):
+        fs, seed, params, shown = rendering.fs, rendering.seed, dict(rendering.params), rendering.y
+        source = "rendering in memory"
+        if rendering.scene.hash != scene.hash:
+            raise BadValue("the rendering is of another scene")
+    else:
+        from ..devices import file
+
+        shown, sidecar = file.read(rendering)
+        fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
+        source = Path(rendering).name
+        if sidecar["scene_hash"] != scene.hash:
+            raise BadValue(
+                f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]}, this one {scene.hash[:12]}); "
+                "give the same scene with the same numbers, or render again"
+            )
+    proc = compile(scene, fs, seed=seed)
+    for name, value in params.items():
+        proc.set(name, value, ramp=0.0)
+    frames = shown.shape[1]
+    sources = sources_of(motion, proc.inputs, frames)
+    x = positions(sources, 0, frames, fs)
+    augmented, found = _with_taps(scene, fs)
+    watch = compile(augmented, fs, seed=seed)
+    for name, value in params.items():
+        watch.set(name, value, ramp=0.0)
+    seen = watch.process(x)
+    n = len(scene.outputs)
+    e = Evidence(scene, proc, fs, seed, params, x, seen[:n].copy(), shown, source, sidecar, dict(motion))
+    for k, (output, block, model, f_low, f_high, noise) in enumerate(found):
+        gated, gate = seen[n + 2 * k], seen[n + 2 * k + 1] > 0
+        e.taps.append(Tap(f"{block!r}", output, gated[gate], gated, gate, model, f_low, f_high, noise))
+    return e
+
+
+def _with_taps(scene: Scene, fs: float):
+    """The scene with every gated noise and its gate as further outputs (no bit of the others changes)."""
+    outputs, seen = dict(scene.outputs), set()
+    found: list[tuple] = []
+    for name, root in scene.outputs.items():
+        for b in reach([root]):
+            if isinstance(b, Enabled) and id(b) not in seen:
+                seen.add(id(b))
+                model = _noise_model(b.block, fs)
+                if model is not None:
+                    outputs[f"tap{len(found)}"], outputs[f"gate{len(found)}"] = b, b.by
+                    found.append((name, b, *model))
+    return Scene(outputs), found
+
+
+def _noise_model(root: Block, fs: float):
+    """(PSD, f_low, f_high, source) of a chain of known linear blocks on white noise, by their physical laws; else None."""
+    chain: list[laws.Response] = []
+    b = root
+    while not hasattr(b, "noise_key"):
+        law = laws.RESPONSES.get(type(b))
+        if law is None:
+            return None
+        chain.append(law(b, fs))
+        b = b.children[0]
+
+    def psd(f):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 2 / fs * np.prod([np.abs(r.law(f)) ** 2 for r in chain], axis=0)
+
+    low, high = max((r.f_low for r in chain if r.f_low > 1), default=1.0), min((r.f_high for r in chain), default=fs / 2)
+    return psd, low, high, "white({}, {})".format(*b.noise_key)
+
+
+# a: linear blocks --------------------------------------------------------------------------------------------------------
+def _lti(e: Evidence) -> list[Check]:
+    """a1: compiled impulse response against the block's own discrete response; a2: that response against the law."""
+    checks, seen = [], set()
+    for i, q in enumerate(e.proc.program.instances):
+        b, p = q.block, e.proc.design[i][0]
+        if q.kind != "block" or type(b).transfer is None:
+            continue
+        key = (type(b), pack(p).tobytes())
+        if key in seen:
+            continue
+        seen.add(key)
+        name = type(b).__name__
+        f, H, h = _impulse(b, p, e.fs)
+        scale = np.abs(H).max()
+        checks.append(
+            Check(
+                "a1",
+                f"{name}: impulse response",
+                float(np.abs(h - H).max() / scale),
+                ROUNDING,
+                "compiled taps = discrete response",
+            )
+        )
+        law = laws.RESPONSES.get(type(b))
+        if law is None:
+            e.skipped.append(f"{b!r}: no physical law is known for it")
+            continue
+        r = law(b, e.fs)
+        g = np.geomspace(r.f_low, r.f_high, 4001)
+        transfer: Any = type(b).transfer
+        got, want = transfer(p, np.exp(2j * np.pi * g / e.fs)), r.law(g)
+        error = np.abs(np.abs(got) / np.abs(want) - 1) if r.magnitude else np.abs(got / want - 1)
+        checks.append(Check("a2", f"{name}: physical law", float(error.max()), r.tol * (1 + 1e-6), r.text))
+    return checks
+
+
+def _impulse(b: Block, p: Any, fs: float):
+    """Some frequencies, the response that the block states there, and the transform of its compiled impulse response."""
+    x = Input("x")
+    kind = type(b)
+    lone = dc.replace(b, **{s: x if k == 0 else getattr(b, s) for k, s in enumerate(signals(kind))})  # type: ignore[type-var]
+    proc = compile(Scene({"y": lone}), fs)
+    hit = np.zeros((len(proc.inputs), 4096))
+    hit[0, 0] = 1.0
+    # a first sample sets what a block holds as its rest, so the impulse comes second
+    proc.process(np.zeros((len(proc.inputs), 1)))
+    parts = [proc.process(hit)[0].copy()]
+    hit[0, 0] = 0.0
+    while np.abs(parts[-1]).max() > 1e-18 * np.abs(parts[0]).max() and len(parts) < 512:
+        parts.append(proc.process(hit)[0].copy())
+    h = np.concatenate(parts)
+    spectrum = np.fft.rfft(h)
+    bins = np.unique(np.geomspace(1, spectrum.size - 1, 600).astype(int))
+    f = bins * fs / h.size
+    return f, kind.transfer(p, np.exp(2j * np.pi * f / fs)), spectrum[bins]  # type: ignore[misc]
+
+
+# b: the same samples again -----------------------------------------------------------------------------------------------
+def _same_samples(e: Evidence) -> list[Check]:
+    """The delivered samples against a re-render in random cuts, and a stretch against the interpreter."""
+    n = e.x.shape[1]
+    rng = np.random.default_rng(e.seed)
+    cut = np.empty_like(e.y)
+    at, states = 0, {}
+    middle = int(np.flatnonzero(e.taps[0].gate)[0]) if e.taps and e.taps[0].gate.any() else 0
+    marks = sorted({0, max(0, middle - 64), n})
+    while at < n:
+        if at in marks:
+            states[at] = e.proc.state
+        stop = min(at + int(rng.choice([1, 7, 64, 1000, 4096, 8192])), next(m for m in marks if m > at))
+        cut[:, at:stop] = e.proc.process(np.ascontiguousarray(e.x[:, at:stop]))
+        at = stop
+    wrong = int(np.sum(cut.view(np.uint64) != e.y.view(np.uint64)))
+    checks = [Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ")]
+    start = marks[1] if marks[1] < n else 0
+    stretch = min(n - start, 512)
+    reference = compile(e.scene, e.fs, target="python", seed=e.seed)
+    reference.state = states[start]
+    y = reference.process(np.ascontiguousarray(e.x[:, start : start + stretch]))
+    wrong = int(np.sum(y.view(np.uint64) != cut[:, start : start + stretch].view(np.uint64)))
+    checks.append(Check("b", f"interpreter, {stretch} samples from {start}", wrong, 0, "samples whose bits differ"))
+    if e.sidecar is None:
+        wrong = int(np.sum(e.shown.view(np.uint64) != cut.view(np.uint64)))
+        checks.append(Check("b", "delivered = re-render", wrong, 0, "samples whose bits differ"))
+    else:
+        from ..devices import file
+
+        stored = file.stored(cut, [c["full_scale"] for c in e.sidecar["channels"]], e.sidecar["subtype"])
+        wrong = int(np.sum(e.shown != stored))
+        checks.append(Check("b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"))
+    return checks
+
+
+# c: noise ----------------------------------------------------------------------------------------------------------------
+def _generator(e: Evidence) -> list[Check]:
+    """The first samples of every noise source against the published generator in plain integers."""
+    checks = []
+    for name, i in e.proc.program.noises.items():
+        b = e.proc.program.instances[i].block
+        one = compile(Scene({"n": dc.replace(b)}), e.fs, seed=e.seed)  # type: ignore[type-var]
+        got = one.process(np.empty((0, 200)))[0]
+        seed, stream = b.noise_key  # type: ignore[attr-defined]
+        want = laws.white(e.seed, seed, stream, 0, 200)
+        checks.append(
+            Check("c", f"{name}: generator", float(np.abs(got - want).max()), 1e-13, "Philox and Box-Muller, written again")
+        )
+    return checks
+
+
+def _noise(e: Evidence) -> list[Check]:
+    """Spectrum of every tap, and independence of every pair."""
+    checks = []
+    enough = [t for t in e.taps if t.stream.size > 64]
+    pairs = [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
+    share = ALARM / max(1, len(enough) + len(pairs))
+    for k, t in enumerate(e.taps):
+        s = spectra.test_spectrum(t.stream, e.fs, t.model, t.f_low, t.f_high, share) if t in enough else None
+        if s is None:
+            e.skipped.append(f"spectrum of {t.name} in {t.output}: only {t.stream.size / e.fs:.3g} s enabled, too short to test")
+            continue
+        e.taps[k] = dc.replace(t, spectrum=s)
+        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
+        checks.append(Check("c", f"{t.output}: spectrum, {len(s.bands)} bands", _surprise(s.p), _surprise(share), text))
+    for a, b in pairs:
+        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, max(a.f_low, b.f_low), min(a.f_high, b.f_high))
+        name = f"{a.output} and {b.output}: independence"
+        checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
+    return checks
+
+
+def _surprise(p: float) -> float:
+    """-log10 p, at least 0."""
+    return float(max(0.0, -np.log10(max(p, 1e-300))))
+
+
+# d, e: the whole scene, limits -------------------------------------------------------------------------------------------
+def _scene_law(e: Evidence) -> list[Check]:
+    if e.scene.law is None:
+        e.skipped.append("no physical law of the whole scene is known")
+        return []
+    law = SCENES.get(e.scene.law)
+    if law is None:
+        e.skipped.append(f"the law {e.scene.law!r} is not known to this version")
+        return []
+    return law(e)
+
+
+def _squeeze(e: Evidence) -> list[Check]:
+    """F = k x + A (k tau v)(tau dp/dt) g per finger, everything but the noise computed from scratch."""
+    from ..blocks.gate import Loading
+
+    checks = []
+    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
+    contact = rows.get("contact", np.ones(e.x.shape[1]))
+    k, A = e.params["k"], e.params["A"] * e.params["level"]
+    quiet = compile(e.scene, e.fs, seed=e.seed)
+    for name, value in (e.params | {"A": 0.0}).items():
+        quiet.set(name, value, ramp=0.0)
+    mean = quiet.process(e.x)
+    for i, (name, root) in enumerate(e.scene.outputs.items()):
+        tap = next((t for t in e.taps if t.output == name), None)
+        if tap is None:
+            raise SceneError(f"{name}: a squeeze scene without gated noise")
+        x = rows[name.replace("force", "x")]
+        gate = next(b for b in reach([root]) if isinstance(b, Loading))
+        cutoff = gate.v.cutoff  # type: ignore[attr-defined]
+        on, off = gate.on, gate.off
+        if on is None or off is None:
+            on, off = laws.gate_thresholds(gate.resolution, cutoff, e.fs)
+        finger = laws.squeeze_finger(x, tap.gated, contact, e.fs, k, A, cutoff, on, off)
+        e.fingers[name] = finger
+        scale = max(np.abs(finger.force).max(), 1e-300)
+        checks.append(
+            Check("d", f"{name}: mean part is k x", float(np.abs(mean[i] - finger.mean).max() / scale), 1e-14, "A = 0, relative")
+        )
+        noise = np.abs(finger.force - finger.mean).max()
+        error = np.abs((e.y[i] - finger.mean) - (finger.force - finger.mean)).max()
+        limit = 1e-9 + 4e-16 * scale / noise if noise > 0 else 1e-14
+        checks.append(
+            Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
+        )
+        wrong = int(np.sum((finger.gate > 0) != tap.gate)) if A != 0 else 0
+        checks.append(Check("e", f"{name}: gate timing", wrong, 0, "samples where the gate differs"))
+        checks += _slope(name, x, e, i, k)
+    return checks
+
+
+def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float) -> list[Check]:
+    """Stiffness recovered from delivered force over position, on samples that were not clipped."""
+    y = e.shown[i]
+    whole = np.ones(x.size, bool)
+    if e.sidecar is not None:
+        whole = np.abs(y) < 0.9999999 * e.sidecar["channels"][i]["full_scale"] if e.sidecar["subtype"] == "PCM_24" else whole
+    u = x[whole] - x[whole].mean() if whole.sum() > 2 else np.zeros(0)
+    if u.size == 0 or np.abs(u).max() == 0:
+        e.skipped.append(f"{name}: the position never changes, so no slope can be fitted")
+        return []
+    r = y[whole] - y[whole].mean()
+    slope = float(u @ r / (u @ u))
+    residual = r - slope * u
+    error = float(np.sqrt(residual @ residual / max(1, u.size - 2) / (u @ u)))
+    rounding = 1e-7 * abs(k)  # of float32 samples
+    return [
+        Check(
+            "d",
+            f"{name}: slope of force over position",
+            abs(slope - k),
+            5 * error + rounding,
+            f"{slope:.7g} N/m, 5 standard errors",
+        )
+    ]
+
+
+SCENES: dict[str, Callable[[Evidence], list[Check]]] = {"squeeze": _squeeze}
+
+
+def _limits(e: Evidence) -> list[Check]:
+    bad = int(np.sum(~np.isfinite(e.shown)))
+    checks = [Check("e", "finite", bad, 0, "samples that are not finite")]
+    fault = e.proc.fault
+    said = "guards that closed" if fault is None else f"{fault[0]} at sample {fault[1]}"
+    checks.append(Check("e", "no fault", int(fault is not None), 0, said))
+    if e.sidecar is not None:
+        clips = sum(c["clips"] for c in e.sidecar["channels"])
+        scale = np.array([c["full_scale"] for c in e.sidecar["channels"]])[:, None]
+        over = int(np.sum(np.rint(e.y / scale * 2**23) > 2**23 - 1) + np.sum(np.rint(e.y / scale * 2**23) < -(2**23)))
+        expected = over if e.sidecar["subtype"] == "PCM_24" else 0
+        checks.append(Check("e", "clip count of the sidecar", abs(clips - expected), 0, f"{clips} samples clipped"))
+    for name, m in e.motion.items():
+        owner = getattr(m, "recording", None)
+        if owner is not None:
+            for what in ("gaps", "jumps"):
+                if owner.info.get(what):
+                    e.skipped.append(f"{name}: {len(owner.info[what])} {what} in the recording were bridged as its policy says")
+    return checks
+
+
+__all__ = ["Check", "Evidence", "Tap", "verify", "StimlibError"]

@@ -1,0 +1,118 @@
+"""Pictures of a graph: nothing missing, nothing on top of anything else, the same bytes every time."""
+
+import subprocess
+import sys
+
+import pytest
+
+from stimlib import Input, Param, Scene, compile, constant, enabled
+from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
+from stimlib.checks import draw
+from stimlib.checks.draw import SPACE, _Picture
+from stimlib.errors import BadValue, SinkError
+from stimlib.lower import lower
+from stimlib.scenes import squeeze
+
+
+def nested() -> Scene:
+    """Everything a picture has to cope with: nested gates, a live number inside, an output that is a number."""
+    x, a, b = Input("x", "m"), Param("A", 1.0), Param("B", 2.0)
+    inner = enabled(white_noise(2) * b, by=white_noise(3) > 0.5)
+    noise = enabled(pink_noise(1.0, seed=1) * a + inner, by=loading(velocity(x)))
+    only = enabled(a, by=x > constant(0.1, "m"))
+    force = constant(5.0, "N/m") * x - constant(2.0, "N") * noise / (1 + b)
+    choice = where(only > noise, lut(x, [0, 1, 2], [1, 2, 3]), delay(noise, seconds=0.01))
+    return Scene({"force": force, "only": only, "number": constant(3.0), "choice": choice})
+
+
+def chain(n: int) -> Scene:
+    y = Input("x")
+    for _ in range(n - 1):
+        y = abs(y)
+    return Scene({"y": y})
+
+
+SCENES = {"squeeze": squeeze, "nested": nested, "noise": lambda: Scene({"n": white_noise(1)}), "long": lambda: chain(200)}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_block_has_its_place(name):
+    program = lower(SCENES[name]().outputs)
+    p = _Picture(program)
+    assert set(p.box) == {i for i, q in enumerate(program.instances) if q.kind not in ("const", "open")}
+    for i, box in p.box.items():  # signals go to the right
+        for a in p.sources(i):
+            assert p.box[a].last <= box.last if box.inner else p.box[a].last < box.first
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_two_boxes_overlap(name):
+    p = _Picture(lower(SCENES[name]().outputs))
+
+    def look(level):
+        boxes = [*level.boxes, *level.wires.values()]
+        for k, a in enumerate(boxes):
+            for b in boxes[:k]:
+                if a.first <= b.last and b.first <= a.last:
+                    assert p.y[a] + a.height + SPACE <= p.y[b] + 1e-9 or p.y[b] + b.height + SPACE <= p.y[a] + 1e-9
+            if a.inner:
+                inner = [*a.inner.boxes, *a.inner.wires.values()]
+                assert all(a.first <= b.first and b.last <= a.last for b in inner)
+                assert all(p.y[a] < p.y[b] and p.y[b] + b.height < p.y[a] + a.height for b in inner)
+                look(a.inner)
+
+    look(p.top)
+
+
+def test_the_words_of_a_block():
+    p = _Picture(lower(squeeze(fingers=1).outputs))
+    text = {tuple(p.text(i)) for i in p.box if not p.box[i].inner}
+    assert {("k", "2000 N/m"), ("x1",), ("White", "seed = 0", "stream = 1"), ("force1",)} <= text
+    assert any(t[0] == "Velocity" and "cutoff = 100" in t for t in text)
+    assert ("\u00d7 0.000125 s",) in text
+    zero = _Picture(lower({"y": Input("x") - 0.0}))
+    assert zero.text(2)[1:] == ["b = 0"]
+
+
+@pytest.mark.parametrize("suffix, magic", [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")])
+def test_same_bytes_every_time(tmp_path, suffix, magic):
+    draw(nested(), tmp_path / f"a{suffix}")
+    draw(nested(), tmp_path / f"b{suffix}")
+    data = (tmp_path / f"a{suffix}").read_bytes()
+    assert data.startswith(magic) and data == (tmp_path / f"b{suffix}").read_bytes()
+
+
+def test_processor_and_scene_give_the_same_picture(tmp_path):
+    draw(squeeze(), tmp_path / "a.svg")
+    draw(compile(squeeze(), 8000, target="python"), str(tmp_path / "b.svg"))
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+def test_the_users_matplotlib_is_left_alone(tmp_path):
+    code = (
+        "import sys, matplotlib; from stimlib.checks import draw; from stimlib.scenes import squeeze\n"
+        "matplotlib.rcParams['font.size'] = 33; before = [*dict.items(matplotlib.rcParams)]\n"
+        f"draw(squeeze(), {str(tmp_path / 'a.svg')!r})\n"
+        "assert [*dict.items(matplotlib.rcParams)] == before and 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    draw(squeeze(), tmp_path / "b.svg")
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+def test_import_does_not_load_matplotlib():
+    subprocess.run(
+        [sys.executable, "-c", "import sys, stimlib.checks; assert 'matplotlib' not in sys.modules"], check=True, timeout=60
+    )
+
+
+def test_refusals(tmp_path):
+    with pytest.raises(BadValue, match="suffix of 'a.jpg' must be one of .svg, .png, .pdf"):
+        draw(squeeze(), tmp_path / "a.jpg")
+    with pytest.raises(BadValue, match="300 blocks are more than a picture can show.*plan"):
+        draw(chain(300), tmp_path / "a.svg")
+    with pytest.raises(BadValue, match="expected a scene or a processor, got int 3"):
+        draw(3, tmp_path / "a.svg")
+    with pytest.raises(SinkError, match="cannot write .*: No such file or directory"):
+        draw(squeeze(), tmp_path / "missing" / "a.svg")
+    assert list(tmp_path.iterdir()) == []
