@@ -1,14 +1,16 @@
-"""The command line: render, show and list scenes."""
+"""The command line: render, verify, show and list scenes."""
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import inspect
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -27,7 +29,8 @@ errors = Console(stderr=True)
 
 SCENE = typer.Argument(
     metavar="SCENE",
-    help="A shipped scene ([bold]stimlib list[/]), [bold]path.py:function[/] (your own code; it is run), or a saved "
+    help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
+    "[bold]path.py:function[/] (your own code; it is run), or a saved "
     "[bold]path.json[/] (data; nothing in it is run).",
     show_default=False,
 )
@@ -54,8 +57,9 @@ def scene_of(text: str) -> Scene:
     >>> list(scene_of("squeeze").outputs)
     ['force1', 'force2']
     """
-    if text in shipped():
-        return shipped()[text]()  # type: ignore[operator]
+    name, _, words = text.partition("(")
+    if name in shipped():
+        return _shipped(name, f"({words}" if words else "()")
     path, _, function = text.rpartition(":")
     if path.endswith(".py"):
         if not Path(path).is_file():
@@ -73,6 +77,21 @@ def scene_of(text: str) -> Scene:
     if text.endswith(".json"):
         return load(text)
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
+
+
+def _shipped(name: str, words: str) -> Scene:
+    """A shipped scene called with literal keyword arguments."""
+    make = shipped()[name]
+    try:
+        call = ast.parse(name + words, mode="eval").body
+        assert isinstance(call, ast.Call) and not call.args
+        chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords if k.arg}
+    except (SyntaxError, ValueError, AssertionError):
+        raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
+    known = inspect.signature(make).parameters  # type: ignore[arg-type]
+    if wrong := set(chosen) - set(known):
+        raise UnknownName(f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}")
+    return make(**chosen)  # type: ignore[operator]
 
 
 def _pairs(items: list[str], what: str) -> dict[str, str]:
@@ -106,18 +125,58 @@ def _friendly() -> Iterator[None]:
         raise typer.Exit(130) from None
 
 
+MOTION = typer.Option(
+    help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
+    "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. See [bold]stimlib list[/]."
+)
+MAP = typer.Option(
+    "--map",
+    help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI, offset); x serves x1, x2, .. May be repeated.",
+)
+WHERE = typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
+REPORTS = typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still).")
+MAX_SPEED = typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")
+
+
+def _motions(
+    scene: Scene, texts: list[str], maps: list[str], where: str | None, reports: str, max_speed: float
+) -> tuple[dict[str, Any], float | None]:
+    """Motion of every input, and its length where it is a recording."""
+    from .devices.motion import parse_motion
+
+    motions: dict[str, Any] = {}
+    seconds = None
+    for text in texts:
+        name, equals, spec = text.partition("=")
+        if Path(text).suffix in (".csv", ".npz"):
+            from .devices.recording import parse_map, parse_where, recording
+
+            if not maps:
+                raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
+            taken = recording(
+                text, parse_map(maps), where=parse_where(where) if where else None, reports=reports, max_speed=max_speed
+            )
+            motions |= taken.for_inputs(tuple(scene.inputs))
+            seconds = taken.duration
+        elif equals and name.strip() in scene.inputs:
+            motions[name.strip()] = parse_motion(spec)
+        else:
+            motions |= dict.fromkeys(scene.inputs, parse_motion(text))
+    if missing := set(scene.inputs) - set(motions):
+        raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
+    return motions, seconds
+
+
 @app.command("render")
 def render_(
     scene: Annotated[str, SCENE],
     out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
-    motion: Annotated[
-        list[str],
-        typer.Option(
-            help="Motion of all inputs, such as [bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]. "
-            "Repeat for more inputs; see [bold]stimlib list[/].",
-        ),
-    ] = [],  # noqa: B006
-    seconds: Annotated[float, typer.Option(help="Length.")] = 5.0,
+    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
+    map_: Annotated[list[str], MAP] = [],  # noqa: B006
+    where: Annotated[str | None, WHERE] = None,
+    reports: Annotated[str, REPORTS] = "always",
+    max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     set_: Annotated[
         list[str], typer.Option("--set", help="A live number for the whole file, such as [bold]k=2000[/]; may be repeated.")
@@ -136,33 +195,59 @@ def render_(
     """
     with _friendly():
         from .devices import file
-        from .devices.motion import parse_motion
         from .processor import compile
         from .rendering import render
 
         made = scene_of(scene)
         values = {n: _number(n, v) for n, v in _pairs(set_, "--set").items()}
-        motions = {}
-        for text in motion:
-            name, equals, spec = text.partition("=")
-            if equals and name.strip() in made.inputs:
-                motions[name.strip()] = parse_motion(spec)
-            else:
-                motions |= dict.fromkeys(made.inputs, parse_motion(text))
-        if missing := set(made.inputs) - set(motions):
-            raise BadValue(
-                f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list"
-            )
+        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
             proc.set(name, value, ramp=0.0)
-        report = file.write(out, proc, motions, seconds, subtype=subtype, full_scale=full_scale, progress=not quiet)
+        report = file.write(out, proc, motions, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
         if not quiet:
             print(report)
         if picture is not None:
             from .checks.picture import picture as draw
 
-            draw(render(made, motions, fs, min(seconds, 10.0), values, seed), picture)
+            draw(render(made, motions, fs, min(length, 10.0), values, seed), picture)
+
+
+@app.command("verify")
+def verify_(
+    scene: Annotated[str, SCENE],
+    wav: Annotated[Path, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)],
+    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
+    map_: Annotated[list[str], MAP] = [],  # noqa: B006
+    where: Annotated[str | None, WHERE] = None,
+    reports: Annotated[str, REPORTS] = "always",
+    max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
+):
+    """Prove that a file is what the scene and the motion say.  Exit status 1 when a check fails.
+
+    Motions that were generated are read from the file's sidecar; a recording must be named again, as it was rendered.
+
+    [bold]stimlib verify squeeze --wav squeeze.wav --report squeeze.html[/]
+    """
+    with _friendly():
+        from .checks.verify import verify
+        from .devices import file
+        from .devices.motion import parse_motion
+
+        made = scene_of(scene)
+        if motion:
+            motions, _ = _motions(made, motion, map_, where, reports, max_speed)
+        else:
+            motions = {name: parse_motion(text) for name, text in file.read(wav)[1]["motion"].items()}
+        result = verify(made, motions, wav)
+        Console(width=None if sys.stdout.isatty() else 130).print(result)
+        if report is not None:
+            result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
+            print(f"report: {report}")
+    if not result.passed:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .errors import BadValue, SceneError, UnknownName
-from .graph import pack
+from .graph import Param, pack
 from .lower import PARAMS, ROOT, Program, check_memory, first_states, lead, lower
 
 TARGETS = ("numba", "python")
@@ -159,7 +159,7 @@ class Processor:
         """Everything that the next sample depends on: one flat uint64 array (a copy).
 
         Word 0 tells the scene's structure and fs, word 1 the sample index; then all states in canonical order, the same
-        on every target.  Assign it to go on from there.
+        on every target.  Assign it to go on from there: ``params`` are then those of the state, and the log is empty.
         """
         self._header[1] = self.index
         return np.concatenate([self._header, self._engine.words])
@@ -174,6 +174,12 @@ class Processor:
             raise BadValue("this state belongs to another scene or sample rate")
         self._engine.words = words[2:]
         self._engine.count = int(words[1])
+        self.log.clear()
+        at = 0
+        for q, (_, s) in zip(self.program.instances, self.design, strict=True):
+            if isinstance(q.block, Param):
+                self.params[q.block.name] = float(words[2 + at + 1 : 2 + at + 2].view(np.float64)[0])
+            at += pack(s).size if q.kind == "block" else 0
 
     def reset(self, seed: int | None = None) -> None:
         """Back to sample 0, live numbers at their initial values; with a seed, every noise gets new keys.

@@ -183,7 +183,7 @@ def render(
     seconds : float, optional
         Length; by default that of the shortest array.
     params : dict of str to float, optional
-        Live numbers that differ from the scene's, from the first sample on.
+        Live numbers that differ from the scene's, from the first sample on (no ramp).
     seed : int
         Key of all noise.
     target : {"numba", "python"}

@@ -129,16 +129,16 @@ def _evidence(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | st
                 f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]}, this one {scene.hash[:12]}); "
                 "give the same scene with the same numbers, or render again"
             )
+    if sidecar is not None and (sidecar["index"] or any(change["at"] for change in sidecar["log"])):
+        raise BadValue(f"{rendering} goes on from an earlier sample of its processor; verify files that begin at sample 0")
     proc = compile(scene, fs, seed=seed)
-    for name, value in params.items():
-        proc.set(name, value, ramp=0.0)
+    _settle(proc, params, sidecar)
     frames = shown.shape[1]
     sources = sources_of(motion, proc.inputs, frames)
     x = positions(sources, 0, frames, fs)
     augmented, found = _with_taps(scene, fs)
     watch = compile(augmented, fs, seed=seed)
-    for name, value in params.items():
-        watch.set(name, value, ramp=0.0)
+    _settle(watch, params, sidecar)
     seen = watch.process(x)
     n = len(scene.outputs)
     e = Evidence(scene, proc, fs, seed, params, x, seen[:n].copy(), shown, source, sidecar, dict(motion))
@@ -146,6 +146,16 @@ def _evidence(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | st
         gated, gate = seen[n + 2 * k], seen[n + 2 * k + 1] > 0
         e.taps.append(Tap(f"{block!r}", output, gated[gate], gated, gate, model, f_low, f_high, noise))
     return e
+
+
+def _settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:
+    """The live numbers as they were when the rendering began: set at once, or along the ramps that were logged."""
+    if sidecar is None:
+        for name, value in params.items():
+            proc.set(name, value, ramp=0.0)
+    else:
+        for change in sidecar["log"]:
+            proc.set(change["name"], change["value"], change["ramp"])
 
 
 def _with_taps(scene: Scene, fs: float):
@@ -270,7 +280,7 @@ def _same_samples(e: Evidence) -> list[Check]:
     else:
         from ..devices import file
 
-        stored = file.stored(cut, [c["full_scale"] for c in e.sidecar["channels"]], e.sidecar["subtype"])
+        stored = file.stored(cut, e.sidecar)
         wrong = int(np.sum(e.shown != stored))
         checks.append(Check("b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"))
     return checks

@@ -15,13 +15,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import BadValue, FaultError, SinkError, UnitError
+from ..processor import Processor
 from ..rendering import check_names, frames_of, pull, sources_of
 
 Array = NDArray[np.float64]
@@ -38,28 +39,6 @@ BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
 MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
-
-
-class Pulled(Protocol):
-    """What the sink needs of a processor."""
-
-    @property
-    def inputs(self) -> tuple[str, ...]: ...
-    @property
-    def outputs(self) -> tuple[str, ...]: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
-    @property
-    def fs(self) -> float: ...
-    @property
-    def seed(self) -> Any: ...
-    @property
-    def scene(self) -> Any: ...
-    @property
-    def params(self) -> Mapping[str, Any]: ...
-    @property
-    def fault(self) -> tuple[str, int] | None: ...
-    def process(self, x: Array, out: Array | None = None) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -103,7 +82,7 @@ class FileReport:
 
 def write(
     path: str | os.PathLike[str],
-    proc: Pulled,
+    proc: Processor,
     motion: Mapping[str, Callable[[Array], Any] | NDArray[Any]],
     seconds: float,
     *,
@@ -168,11 +147,9 @@ def write(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from types import SimpleNamespace
-    >>> spring = SimpleNamespace(  # stands for a compiled processor
-    ...     inputs=("x",), outputs=("force",), units={"x": "m", "force": "N"}, fs=8000.0, seed=0, params={"k": 2000.0},
-    ...     scene=SimpleNamespace(to_dict=dict, hash="0"), fault=None, process=lambda x, out: 2000.0 * x)
+    >>> import stimlib, tempfile
+    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> spring = stimlib.compile(scene, fs=8000)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     report = write(folder + "/spring.wav", spring, {"x": lambda t: 0.02 * t}, seconds=1.0)
     ...     y, sidecar = read(folder + "/spring.wav")
@@ -194,23 +171,25 @@ def write(
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
     _check_place(path, sidecar, overwrite)
     if proc.fault is not None:
-        raise _fault(proc.fault, proc.fs, path)
+        name, index = proc.fault
+        raise FaultError(f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path} was not written")
 
     part, sidecar_part = _part(path), _part(sidecar)
     info: dict[str, Any] = {
         "stimlib": __version__,
         "format": format,
         "subtype": subtype,
-        "fs": float(proc.fs),
+        "fs": proc.fs,
         "frames": frames,
         "channels": [],
         "seed": proc.seed,
         "params": dict(proc.params),
+        "index": proc.index,
+        "log": [change._asdict() for change in proc.log],
         "motion": {name: _describe(source) for name, source in sources.items()},
         "scene": proc.scene.to_dict(),
         "scene_hash": proc.scene.hash,
     }
-    _json(info)  # what cannot be written is an error now, not at the end
     complete = False
     try:
         clips, peak, info["sha256"] = _run(path, proc, sources, frames, format, subtype, scales, int(block), progress)
@@ -222,7 +201,7 @@ def write(
         with _disk(path):
             _sync(part)
             info["file_sha256"] = _file_sha256(part)
-            sidecar_part.write_bytes(_json(info))
+            sidecar_part.write_bytes((json.dumps(info, indent=1, allow_nan=False) + "\n").encode())
             _sync(sidecar_part)
             complete = True
             os.replace(part, path)
@@ -238,7 +217,7 @@ def write(
         raise
     clip_counts = {c["name"]: c["clips"] for c in info["channels"]}
     peaks = {c["name"]: c["peak"] for c in info["channels"]}
-    return FileReport(path, frames, frames / float(proc.fs), clip_counts, peaks, sidecar)
+    return FileReport(path, frames, frames / proc.fs, clip_counts, peaks, sidecar)
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
@@ -256,9 +235,10 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         of two, DOUBLE gives back every bit of the signal and FLOAT its float32 rounding.
     sidecar : dict
         stimlib (version), format, subtype, fs (Hz), frames, channels (a list of name, unit, full_scale, clips, peak),
-        seed, params, motion, scene, scene_hash, versions, sha256 (of the signal before it was scaled and rounded: the
-        float64 values in physical units, little-endian, all outputs of sample 0, then of sample 1, ...) and
-        file_sha256 (of the audio file).
+        seed, params (when the file began), index (samples that the processor had done before), log (what `Processor.set`
+        had changed, the `Change`s), motion, scene, scene_hash, versions, sha256 (of the signal before it was scaled and
+        rounded: the float64 values in physical units, little-endian, all outputs of sample 0, then of sample 1, ...)
+        and file_sha256 (of the audio file). With index 0, scene, seed, log and motion give the signal again.
 
     Raises
     ------
@@ -300,9 +280,37 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         raise SinkError(f"{path} is truncated: {sidecar} says {frames} frames, {len(samples)} can be read")
     if _file_sha256(path) != info["file_sha256"]:
         raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs")
-    scales = np.array([c["full_scale"] for c in channels], dtype=np.float64)
-    values = samples * 2.0**-31 if integer else samples
-    return np.ascontiguousarray((values * scales).T), info
+    return _physical(samples, np.array([c["full_scale"] for c in channels])), info
+
+
+def stored(y: Array, sidecar: dict[str, Any]) -> Array:
+    """What `read` gives back of a signal that was written with this sidecar's format: its rounding, nothing else.
+
+    Parameters
+    ----------
+    y : ndarray of float64, shape (n_outputs, n)
+    sidecar : dict
+
+    Returns
+    -------
+    ndarray of float64, shape (n_outputs, n)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.devices.file import stored
+    >>> stored(np.array([[0.1]]), {"subtype": "PCM_24", "channels": [{"name": "f", "full_scale": 1.0}]})
+    array([[0.10000002]])
+    """
+    scales = np.array([c["full_scale"] for c in sidecar["channels"]])
+    samples, _ = _encode(y, scales, sidecar["subtype"], tuple(c["name"] for c in sidecar["channels"]))
+    return _physical(samples.astype(np.float64) if sidecar["subtype"] == "FLOAT" else samples, scales)
+
+
+def _physical(samples: NDArray[Any], scales: Array) -> Array:
+    """Samples (n, n_outputs) of a file in physical units, (n_outputs, n)."""
+    values = samples * 2.0**-31 if samples.dtype == np.int32 else samples
+    return np.ascontiguousarray((values * scales).T)
 
 
 # -- what may be written where
@@ -332,16 +340,16 @@ def _format(path: Path, format: str | None, subtype: str | None) -> tuple[str, s
     return name, sub
 
 
-def _check_format(format: str, subtype: str, proc: Pulled, frames: int) -> None:
+def _check_format(format: str, subtype: str, proc: Processor, frames: int) -> None:
     """The processor's rate, outputs and duration fit the format."""
-    fs, channels = float(proc.fs), len(proc.outputs)
+    fs, channels = proc.fs, len(proc.outputs)
     if not (fs.is_integer() and 1 <= fs < 2**31):
         raise SinkError(f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz")
     if format == "FLAC" and fs > 65535 and (fs > 655350 or fs % 10):
         raise SinkError(f"FLAC holds fs up to 65535 Hz, and multiples of 10 Hz up to 655350 Hz, not {fs:g} Hz")
     most = MAX_CHANNELS[format]
-    if not 1 <= channels <= most:
-        raise SinkError(f"{format} holds 1 to {most} channels, not {channels}")
+    if channels > most:
+        raise SinkError(f"{format} holds up to {most} channels, not {channels}")
     size = frames * channels * BYTES[subtype]
     if format == "WAV" and size > MAX_WAV:
         raise SinkError(f"WAV holds at most 4 GiB, this needs {size / 2**30:.2f} GiB: write .rf64, .w64 or .caf")
@@ -363,7 +371,7 @@ def _check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
         raise SinkError(f"folder {path.parent} is not writable")
 
 
-def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Pulled, format: str) -> Array:
+def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor, format: str) -> Array:
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
     if full_scale is None and format == "FLAC":
@@ -391,7 +399,7 @@ def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Pulled, f
 
 def _run(
     path: Path,
-    proc: Pulled,
+    proc: Processor,
     sources: dict[str, Any],
     frames: int,
     format: str,
@@ -401,27 +409,28 @@ def _run(
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
     """Write the audio file beside its place; clips and peaks per output, and the hash of the signal."""
-    outputs, fs = proc.outputs, float(proc.fs)
+    outputs, fs, first = proc.outputs, proc.fs, proc.index
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
     last: NDArray[Any] = np.empty((0, len(outputs)))
     with _bar(frames, progress) as advance, _audio(path, int(fs), len(outputs), format, subtype) as f:
-        stop = 0
+        done = 0
         for y in pull(proc, sources, frames, block):
-            start, stop = stop, stop + y.shape[1]
+            done += y.shape[1]
             if proc.fault is not None:
-                raise _fault(proc.fault, fs, path)
-            _check_outputs(y, outputs, start, stop, fs, path)
+                name, index = proc.fault
+                at = index - first
+                raise FaultError(f"output {name} is not finite at sample {at} ({at / fs:.6g} s); {path} was not written")
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
             last, clipped = _encode(y, scales, subtype, outputs)
             clips += clipped
             with _disk(path):
                 f.write(last)
-                if f.frames != stop:
+                if f.frames != done:
                     raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
-            advance(stop - start)
+            advance(y.shape[1])
     _check_end(path, frames, last)
     return clips, peak, digest.hexdigest()
 
@@ -472,20 +481,6 @@ def _check_end(path: Path, frames: int, last: NDArray[Any]) -> None:
         f.seek(frames - len(last))
         if not np.array_equal(f.read(dtype=last.dtype.name, always_2d=True), last):
             raise AssertionError("the file does not end with the last samples")
-
-
-def _check_outputs(y: Array, outputs: tuple[str, ...], start: int, stop: int, fs: float, path: Path) -> None:
-    if y.shape != (len(outputs), stop - start):
-        raise SinkError(f"the processor gave {y.shape} samples instead of {(len(outputs), stop - start)}")
-    finite = np.isfinite(y)
-    if not finite.all():
-        index, channel = np.argwhere(~finite.T)[0]
-        raise _fault((outputs[channel], start + int(index)), fs, path)
-
-
-def _fault(fault: tuple[str, int], fs: float, path: Path) -> FaultError:
-    name, index = fault
-    return FaultError(f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {path} was not written")
 
 
 def _encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> tuple[NDArray[Any], NDArray[np.int64]]:
@@ -550,19 +545,6 @@ def _describe(source: Any) -> str:
         return f"array({len(source)})"
     # the address in the repr of a function would make two equal runs differ
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
-
-
-def _json(info: dict[str, Any]) -> bytes:
-    try:
-        return (json.dumps(info, indent=1, allow_nan=False, default=_plain) + "\n").encode()
-    except (TypeError, ValueError) as error:
-        raise SinkError(f"the scene, seed or params cannot be written as JSON: {error}") from error
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} is not a JSON value")
 
 
 def _load_sidecar(path: Path, sidecar: Path) -> dict[str, Any]:

@@ -7,11 +7,13 @@ the runtime, and the versions), because numba alone does not notice an edit in a
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import inspect
 import os
 import re
+import shutil
 import sys
 import tempfile
 import types
@@ -56,6 +58,7 @@ def folder() -> Path:
 def _temporary(wanted: Path, why: OSError) -> None:
     global _folder
     _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
     warnings.warn(
         f"the cache folder {wanted} cannot be written ({why.strerror or why}): compiling into {_folder} for this process; "
         "set STIMLIB_CACHE to a folder that can",
