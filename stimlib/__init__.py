@@ -18,7 +18,7 @@ _HOME = {
     "verify": "checks.verify",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
-    "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors",
+    "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
 }  # fmt: skip
 _ROOMS = ("blocks", "scenes", "devices", "checks", "maths", "units", "graph")
 
@@ -27,7 +27,17 @@ __all__ = [*_HOME, *_ROOMS]
 if TYPE_CHECKING:
     from . import blocks, checks, devices, graph, maths, scenes, units
     from .checks.verify import verify
-    from .errors import BadValue, FaultError, SceneError, SceneFileError, SinkError, StimlibError, UnitError, UnknownName
+    from .errors import (
+        BadValue,
+        FaultError,
+        RecordingError,
+        SceneError,
+        SceneFileError,
+        SinkError,
+        StimlibError,
+        UnitError,
+        UnknownName,
+    )
     from .graph import Block, Input, Param, constant, enabled
     from .processor import Processor, compile
     from .rendering import Rendering, render, stream

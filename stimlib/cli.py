@@ -9,6 +9,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -131,15 +132,22 @@ MOTION = typer.Option(
 )
 MAP = typer.Option(
     "--map",
-    help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI, offset); x serves x1, x2, .. May be repeated.",
+    help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
 )
 WHERE = typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
 REPORTS = typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still).")
 MAX_SPEED = typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")
 
 
+class Reports(StrEnum):
+    """What silence of a recording device means."""
+
+    always = "always"
+    on_change = "on_change"
+
+
 def _motions(
-    scene: Scene, texts: list[str], maps: list[str], where: str | None, reports: str, max_speed: float
+    scene: Scene, texts: list[str], maps: list[str], where: str | None, reports: Reports, max_speed: float
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
     from .devices.motion import parse_motion
@@ -153,9 +161,8 @@ def _motions(
 
             if not maps:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
-            taken = recording(
-                text, parse_map(maps), where=parse_where(where) if where else None, reports=reports, max_speed=max_speed
-            )
+            rows = parse_where(where) if where else None
+            taken = recording(text, parse_map(maps), where=rows, reports=reports.value, max_speed=max_speed)
             motions |= taken.for_inputs(tuple(scene.inputs))
             seconds = taken.duration
         elif equals and name.strip() in scene.inputs:
@@ -174,7 +181,7 @@ def render_(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
-    reports: Annotated[str, REPORTS] = "always",
+    reports: Annotated[Reports, REPORTS] = Reports.always,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
@@ -221,7 +228,7 @@ def verify_(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
-    reports: Annotated[str, REPORTS] = "always",
+    reports: Annotated[Reports, REPORTS] = Reports.always,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
 ):

@@ -68,11 +68,11 @@ class Block:
             raise TypeError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False)")
         for f in dc.fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
-            value = as_block(value) if f.name in signals(cls) else _design_value(self, f.name, value)
+            value = as_block(value) if f.name in signals(cls) else _design_value(self, f, value)
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
-        object.__setattr__(self, "autonomous", all(c.autonomous for c in kids))
+        object.__setattr__(self, "autonomous", not isinstance(self, Input) and all(c.autonomous for c in kids))
         object.__setattr__(self, "dim", self.units(*(c.dim for c in kids)))
 
     autonomous: ClassVar[bool]  # no Input reaches it
@@ -166,29 +166,40 @@ def as_block(v: Any) -> Block:
     raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r}")
 
 
-def _design_value(owner: Block, name: str, v: Any) -> Any:
-    where_ = f"{type(owner).__name__}.{name}"
+_KINDS = {
+    "float": (int, float),
+    "int": (int,),
+    "bool": (bool,),
+    "str": (str,),
+    "None": (type(None),),
+    "np.ndarray": (np.ndarray,),
+}
+
+
+def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
+    where_ = f"{type(owner).__name__}.{f.name}"
     if isinstance(v, Block):
         raise BadValue(
             f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
             "live values are multiplied, added, or connected to a block's input"
         )
     if isinstance(v, (list, tuple, np.ndarray)):
-        v = np.array(v, np.float64)
+        try:
+            v = np.array(v, np.float64)
+        except (TypeError, ValueError):
+            raise BadValue(f"{where_} must be numbers, got {v!r}") from None
         v.flags.writeable = False
         if not np.isfinite(v).all():
             raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(v)))}] is not finite")
-    elif isinstance(v, (bool, np.bool_)):
-        v = bool(v)
-    elif isinstance(v, (int, np.integer)):
-        v = int(v)
-    elif isinstance(v, (float, np.floating)):
-        v = float(v)
-        if not math.isfinite(v):
-            raise BadValue(f"{where_} = {v} is not finite")
-    elif not isinstance(v, (str, type(None))):
-        raise BadValue(f"{where_} must be a number, a sequence of numbers or a string, got {type(v).__name__}")
-    return v
+    elif isinstance(v, np.generic):
+        v = v.item()
+    if isinstance(v, float) and not math.isfinite(v):
+        raise BadValue(f"{where_} = {v} is not finite")
+    words = [w.strip() for w in (f.type if isinstance(f.type, str) else getattr(f.type, "__name__", str(f.type))).split("|")]
+    kinds = [k for w in words for k in _KINDS.get(w, (object,))]
+    if not isinstance(v, tuple(kinds)) or (isinstance(v, bool) and bool not in kinds and object not in kinds):
+        raise BadValue(f"{where_} = {v!r} must be {' or '.join(words)}")
+    return float(v) if "float" in words and "int" not in words and isinstance(v, int) and not isinstance(v, bool) else v
 
 
 def positive(owner: Block, *names: str) -> None:
@@ -276,7 +287,7 @@ def constant(value: float, unit: str = "") -> Const:
     >>> str((constant(2000.0, "N/m") * Input("x", "m")).dim)
     'N'
     """
-    return Const(float(value), unit)
+    return Const(value, unit)
 
 
 class ParamState(NamedTuple):
@@ -310,8 +321,6 @@ class Param(Block):
 
     def check(self):
         _name(self)
-        if isinstance(self.value, str):
-            raise BadValue(f"Param {self.name!r}: the value comes before the unit")
 
     def units(self, *u):
         return unit(self.unit)

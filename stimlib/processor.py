@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .errors import BadValue, SceneError, UnknownName
-from .graph import Param, pack
+from .graph import pack
 from .lower import PARAMS, ROOT, Program, check_memory, first_states, lead, lower
 
 TARGETS = ("numba", "python")
@@ -66,7 +66,7 @@ class Processor:
     """
 
     def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
-        fs = float(fs)
+        fs = _number(fs, "fs")
         if not (math.isfinite(fs) and fs > 0):
             raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
         if target not in TARGETS:
@@ -88,7 +88,11 @@ class Processor:
             n: str(blocks[i].block.dim) for group in (self.program.inputs, self.program.params) for n, i in group.items()
         } | {n: str(b.dim) for n, b in scene.outputs.items()}  # equal outputs share an instance, not a unit
         self.seed = 0
+        self.params: dict[str, float] = {}
         self.log: list[Change] = []
+        sizes = [pack(s).size for _, s in self.design]
+        self._place = np.cumsum([0, *sizes[:-1]]).tolist()  # of each instance's state among the words
+        self._guards = [(name, self._place[i]) for name, i in self.program.outputs.items()]
         self._fresh: dict[int, np.ndarray] = {}
         self._header = np.array([self.program.hash, 0], np.uint64)
         self._header[0] ^= np.uint64(hash(fs) & 0xFFFFFFFFFFFF)
@@ -175,11 +179,8 @@ class Processor:
         self._engine.words = words[2:]
         self._engine.count = int(words[1])
         self.log.clear()
-        at = 0
-        for q, (_, s) in zip(self.program.instances, self.design, strict=True):
-            if isinstance(q.block, Param):
-                self.params[q.block.name] = float(words[2 + at + 1 : 2 + at + 2].view(np.float64)[0])
-            at += pack(s).size if q.kind == "block" else 0
+        target = words[2:].view(np.float64)
+        self.params = {name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()}  # graph.ParamState
 
     def reset(self, seed: int | None = None) -> None:
         """Back to sample 0, live numbers at their initial values; with a seed, every noise gets new keys.
@@ -205,7 +206,7 @@ class Processor:
         self._engine.words = self._fresh[self.seed]
         self._engine.count = 0
         blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
-        self.params: dict[str, float] = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
+        self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
         self.log.clear()
 
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
@@ -237,7 +238,7 @@ class Processor:
         """
         if name not in self.program.params:
             raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
-        value, ramp = float(value), float(ramp)
+        value, ramp = _number(value, f"set({name!r}): value"), _number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
         if not (math.isfinite(ramp) and ramp >= 0):
@@ -250,13 +251,9 @@ class Processor:
     @property
     def fault(self) -> tuple[str, int] | None:
         """(output, sample index) of the first non-finite sample that a guard stopped, or None."""
-        words, at, found = self._engine.peek(), 0, []
-        guards = {i: n for n, i in self.program.outputs.items()}
-        for i, (q, (_, s)) in enumerate(zip(self.program.instances, self.design, strict=True)):
-            if q.kind == "block":
-                if i in guards and words[at + 1 : at + 2].view(np.float64)[0] >= 0:
-                    found.append((int(words[at + 2]), guards[i]))
-                at += pack(s).size
+        words = self._engine.peek()
+        left = words.view(np.float64)
+        found = [(int(words[at + 2]), name) for name, at in self._guards if left[at + 1] >= 0]  # see graph.GuardState
         return min(found)[::-1] if found else None
 
     @property
@@ -319,6 +316,13 @@ class Processor:
         from .response import response
 
         return response(self, output, input, np.asarray(f, float))
+
+
+def _number(v: Any, what: str) -> float:
+    try:
+        return float(v)
+    except (TypeError, ValueError):
+        raise BadValue(f"{what} must be a number, got {v!r}") from None
 
 
 class PlanRow(NamedTuple):

@@ -45,8 +45,14 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
     start = _sources(program)[source]
     H: dict[int, Any] = {start: np.ones_like(z)}  # of what the source reaches
     value: dict[int, float] = {}  # of what is constant
+    on_the_way, goal = set(), [program.outputs[output]]
+    while goal:
+        i = goal.pop()
+        if i not in on_the_way:
+            on_the_way.add(i)
+            goal += program.instances[i].args
     for i, q in enumerate(program.instances):
-        if i == start:
+        if i == start or i not in on_the_way:
             continue
         b = q.block
         if isinstance(b, Const):

@@ -49,10 +49,15 @@ def source(f: Callable) -> str:
             "not in a string given to exec or python -c"
         ) from None
     lines = text.splitlines()
-    first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)
+    first = _first_line(lines)
     if first is None:
         raise SceneError(f"{f.__qualname__}: write it with def, its text starts with {lines[0]!r}")
     return "\n".join(lines[first:]) + "\n"
+
+
+def _first_line(lines: list[str]) -> int | None:
+    """Index of the line with def, after the decorators."""
+    return next((k for k, line in enumerate(lines) if line.startswith("def ")), None)
 
 
 def used(code: types.CodeType) -> Iterator[str]:
@@ -95,8 +100,13 @@ def check(f: Callable, tile: bool = False) -> None:
 
 @cache
 def _check(f: Callable, code: types.CodeType, tile: bool) -> None:  # the code too: a notebook may change a function in place
+    _check_all(f, code, tile, ())
+
+
+def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Callable, ...]) -> None:
     text = source(f)
-    offset = code.co_firstlineno - 1
+    lines = textwrap.dedent(inspect.getsource(f)).splitlines()
+    offset = code.co_firstlineno - 1 + (_first_line(lines) or 0)
 
     def refuse(node, why):
         raise SceneError(f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}")
@@ -122,7 +132,9 @@ def _check(f: Callable, code: types.CodeType, tile: bool) -> None:  # the code t
             if not _callable_in_step(target):
                 refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.maths, abs, range and helpers like itself")
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
-                check(target)
+                if target in (f, *above):
+                    refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")
+                _check_all(target, target.__code__, False, (f, *above))
         if not isinstance(node, (ast.Module, *_ALLOWED)):
             refuse(node, f"{type(node).__name__} is not straight-line code")
 

@@ -28,7 +28,7 @@ GROUPS = {
 POINTS = 1500  # per curve: more cannot be seen
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """Every check of one verification, and what it was about.
 
@@ -42,6 +42,10 @@ class Report:
     def passed(self) -> bool:
         """Whether every check held."""
         return all(c.passed for c in self.checks)
+
+    def __repr__(self):
+        bad = [c.name for c in self.checks if not c.passed]
+        return f"Report({self._what()}: {'passed' if self.passed else 'FAILED: ' + ', '.join(bad)})"
 
     def __str__(self):
         from rich.console import Console

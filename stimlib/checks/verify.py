@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError
-from ..graph import Block, Enabled, Input, pack, reach, signals
+from ..graph import Block, Const, Enabled, Input, pack, reach, signals
 from ..processor import Processor, compile
 from ..rendering import Rendering, positions, sources_of
 from ..scene import Scene
@@ -233,7 +233,7 @@ def _impulse(b: Block, p: Any, fs: float):
     """Some frequencies, the response that the block states there, and the transform of its compiled impulse response."""
     x = Input("x")
     kind = type(b)
-    lone = dc.replace(b, **{s: x if k == 0 else getattr(b, s) for k, s in enumerate(signals(kind))})  # type: ignore[type-var]
+    lone = dc.replace(b, **{s: x if k == 0 else Const(1.0) for k, s in enumerate(signals(kind))})  # type: ignore[type-var]
     proc = compile(Scene({"y": lone}), fs)
     hit = np.zeros((len(proc.inputs), 4096))
     hit[0, 0] = 1.0
@@ -385,7 +385,8 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float) -> list[Chec
     y = e.shown[i]
     whole = np.ones(x.size, bool)
     if e.sidecar is not None:
-        whole = np.abs(y) < 0.9999999 * e.sidecar["channels"][i]["full_scale"] if e.sidecar["subtype"] == "PCM_24" else whole
+        top = (1 - 2.0**-22) * e.sidecar["channels"][i]["full_scale"]
+        whole = np.abs(y) < top if e.sidecar["subtype"] == "PCM_24" else whole
     u = x[whole] - x[whole].mean() if whole.sum() > 2 else np.zeros(0)
     if u.size == 0 or np.abs(u).max() == 0:
         e.skipped.append(f"{name}: the position never changes, so no slope can be fitted")
@@ -421,12 +422,11 @@ def _limits(e: Evidence) -> list[Check]:
         over = int(np.sum(np.rint(e.y / scale * 2**23) > 2**23 - 1) + np.sum(np.rint(e.y / scale * 2**23) < -(2**23)))
         expected = over if e.sidecar["subtype"] == "PCM_24" else 0
         checks.append(Check("e", "clip count of the sidecar", abs(clips - expected), 0, f"{clips} samples clipped"))
-    for name, m in e.motion.items():
-        owner = getattr(m, "recording", None)
-        if owner is not None:
-            for what in ("gaps", "jumps"):
-                if owner.info.get(what):
-                    e.skipped.append(f"{name}: {len(owner.info[what])} {what} in the recording were bridged as its policy says")
+    for info in {id(m.info): m.info for m in e.motion.values() if hasattr(m, "info")}.values():
+        found = ", ".join(f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what])
+        text = f"{info['reports']} reports at {info['rate']:.3g} Hz, {info['repeats']} repeats left out"
+        text += f", {info['silences']} silences held" if info["silences"] else ""
+        e.skipped.append(f"between the reports of {Path(info['file']).name}: {text}; {found or 'no gaps, lifts or jumps'}")
     return checks
 
 

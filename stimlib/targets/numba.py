@@ -126,7 +126,7 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
     """Text of a function under a name, after that of every helper, constant and NamedTuple it uses."""
     for n, v in steps.names(f).items():
         if n in done:
-            if done[n] is not v and done[n] != v:
+            if done[n] is not v and not (isinstance(v, (int, float)) and done[n] == v):
                 raise SceneError(f"{f.__qualname__}: {n!r} means different things in its helpers; rename one")
             continue
         done[n] = v
@@ -140,7 +140,7 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
             out.append(f"{n} = native.{getattr(v, '__name__', n)}")
         elif isinstance(v, type) and hasattr(v, "_fields"):
             out.append(_tuple_text(n, v))
-        elif v in (np.uint64, np.int64, np.float64):
+        elif v is np.uint64 or v is np.int64 or v is np.float64:
             out.append(f"{n} = np.{v.__name__}")
         elif isinstance(v, types.FunctionType):
             _embed(v, n, done, out)

@@ -57,6 +57,8 @@ class Engine:
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
         if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
             return 1
+        if any(a.dtype != np.float64 or not a.flags.c_contiguous for a in (x, out)) or not out.flags.writeable:
+            return 1
         with np.errstate(all="ignore"):
             for n in range(x.shape[1]):
                 v = self.sample(dict(zip(inputs, x[:, n], strict=True)))

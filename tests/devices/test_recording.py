@@ -87,8 +87,9 @@ def test_linear_conversion(csv, text, scale, offset):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "2", "f*f", "f+f", "f**2", "1/f", "f/0", "f*0", "sin(f)", "f[0]", "f.real", "f if f else f", "lambda: f", "f,f", "f*True",
-     "f*1e999", "f*1j", "f*", "f f", "f; f", "f*10" + "0" * 400, "(" * 300 + "f" + ")" * 300, "-" * 900 + "f" * 200, "__import__('os')",
+    ["", "2", "f*f", "f+f", "f**2", "1/f", "f/0", "f*0", "sin(f)", "f[0]", "f.real", "f if f else f", "lambda: f", "f,f",
+     "f*True", "f*1e999", "f*1j", "f*", "f f", "f; f", "f*1" + "0" * 400, "(" * 300 + "f" + ")" * 300,
+     "-" * 900 + "f" * 200, "__import__('os')",
      "f*'2'", "f := 3", "f\x00", "f*1e200*1e200", "f % 2", "f//2", "~f", "not f"],
 )  # fmt: skip
 def test_expressions_that_are_refused(csv, text):
@@ -187,7 +188,7 @@ def gap(seconds: float) -> dict:
 def test_always_joins_gaps_to_the_limit_and_no_longer(csv):
     r = recording(csv(**gap(0.1)), {"x": "x"})
     assert 0.019 < r.motion["x"](0.24) < 0.02 and r.info["silences"] == 0
-    with pytest.raises(RecordingError, match=r"row 22: a gap of 0.15 s .* 0.1 s; use reports=\"on_change\" .* max_gap=0.15"):
+    with pytest.raises(RecordingError, match=r"row 22: a gap of 0.15 s .* 0.1 s; use reports=\"on_change\" .* max_gap=0.16"):
         recording(csv(**gap(0.15)), {"x": "x"})
     recording(csv(**gap(0.15)), {"x": "x"}, max_gap=0.15 + 1e-9)
     slow = gap(0.15)
@@ -290,7 +291,7 @@ def test_a_jump_breaks_contact_and_is_no_motion(csv):
     assert r.info["jumps"] == [(102, pytest.approx(5.1))] and not r.has_lifts
     t = times(r)
     assert np.array_equal(r.contact(t) == 0, (t >= 0.99) & (t < 1.0))
-    assert r.motion["x"]([0.99, 0.995, 0.9999]).tolist() == [0.099] * 3 and r.motion["x"](1.0) == 0.15
+    assert r.motion["x"]([0.99, 0.995, 0.9999]).tolist() == [0.099] * 3 and r.motion["x"](1.0) == pytest.approx(0.15)
     touching = r.contact(t) > 0
     speed = np.abs(np.diff(r.motion["x"](t)) * FS)[touching[1:] & touching[:-1]]
     assert speed.max() < 0.1 * 1.0001
@@ -405,8 +406,8 @@ def test_repr_is_one_line_that_makes_it_again(csv):
     options = dict(
         where={"grasp": "pinch", "trial": 1}, reports="on_change", max_speed={"x": 2, "y": None}, max_gap=np.float64(3.0)
     )
-    for given in ({"where": options["where"]}, options, options | {"contact": False, "time": "t_s*2", "max_speed": None}):
-        r = recording(path, {"x": "f*1e-4", "y": "(f-1)*2e-4"}, **given)
+    for more in ({"where": options["where"]}, options, options | {"contact": False, "time": "t_s*2", "max_speed": None}):
+        r = recording(path, {"x": "f*1e-4", "y": "(f-1)*2e-4"}, **more)
         again = eval(repr(r), {"recording": recording})
         assert repr(again) == repr(r) and "\n" not in repr(r) and " at 0x" not in repr(r) and "np." not in repr(r)
         assert again.info == r.info | {"file": again.info["file"]}
@@ -458,6 +459,8 @@ def check_speed(r: Recording, path: Path, column: str, scale: float) -> None:
     secant = np.where(touching, np.abs(np.diff(x)) / np.diff(knots), 0.0)
     starts = touching & ~np.append(False, touching[:-1])
     ends = touching & ~np.append(touching[1:], False)
+    if not touching.any():
+        return
     bound = np.zeros(len(secant))
     for a, b in zip(np.flatnonzero(starts), np.flatnonzero(ends), strict=True):
         bound[a : b + 1] = 1.5 * secant[a : b + 1].max()
@@ -539,7 +542,7 @@ def test_row_is_the_line_in_the_file(csv):
 def test_numbers_that_overflow(csv):
     with pytest.raises(RecordingError, match=r"row 3, column x: 1e300 \* 1e\+100 \+ 0 overflows; check the unit"):
         recording(csv("t_s,x\n0,1e-100\n0.01,1e300\n"), {"x": "x*1e100"}, max_speed=None)
-    with pytest.raises(RecordingError, match="row 3: the step to the next report is too large for its time"):
+    with pytest.raises(RecordingError, match="row 4: the step to this report is too large for its time"):
         recording(csv("t_s,x\n0,0\n0.01,1e300\n0.0100000001,-1e300\n"), {"x": "x"}, max_speed=None)
 
 

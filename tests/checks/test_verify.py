@@ -1,0 +1,152 @@
+"""The verifier on renderings, on files and on recorded hands."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, SinkError, constant
+from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
+from stimlib.checks.verify import Check
+from stimlib.devices import file
+from stimlib.devices.motion import jittered, minimum_jerk, quantised, ramp_and_hold
+from stimlib.devices.recording import recording
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
+RECORDINGS = {
+    "grip trial": ("grip-trials/grip_p1.csv", "force_N*5e-4", {"where": {"grasp": "pinch", "level": "easy", "trial": "1"}}),
+    "touchpad scrub": ("touch-evemu/finger_touchpad_horizontal.csv", "x_raw*1e-5", {"reports": "on_change"}),
+    "touchpad dwell": ("touch-evemu/finger_touchpad_vertical.csv", "y_raw*1e-5", {"reports": "on_change"}),
+    "puck": ("touch-evemu/hand_puck_tablet.csv", "x_mm*1e-3", {"reports": "on_change"}),
+    "pen": ("pen-pressure/pen_loops.csv", "x_raw*5e-6", {"reports": "on_change"}),
+}
+
+
+def write(path, scene, motion, seconds=1.0, seed=0, params=None, **words):
+    proc = stimlib.compile(scene, 8000, seed=seed)
+    for name, value in (params or {}).items():
+        proc.set(name, value, ramp=0.0)
+    file.write(path, proc, motion, seconds, progress=False, **words)
+    return path
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
+    path, column, options = RECORDINGS[name]
+    if not (DATA / path).is_file():
+        pytest.skip("the recordings are not beside the project")
+    hand = recording(DATA / path, {"x": column}, **options)
+    scene = stimlib.scenes.squeeze(contact="grip" not in name)
+    motion = hand.for_inputs(tuple(scene.inputs))
+    report = stimlib.verify(scene, motion, write(tmp_path / "hand.wav", scene, motion, hand.duration, seed=3))
+    assert report.passed, str(report)
+    assert any("reports at" in text for text in report.evidence.skipped)
+    assert {"a1", "a2", "b", "c", "d", "e"} == {c.group for c in report.checks}
+
+
+@pytest.mark.parametrize(("name", "words"), [("a.wav", {}), ("a.w64", {"subtype": "DOUBLE"}), ("a.flac", {"full_scale": 30.0})])
+def test_files_of_every_kind_pass_clipped_or_not(name, words, tmp_path):
+    scene = stimlib.scenes.squeeze()
+    path = write(tmp_path / name, scene, MOTION, params={"k": 1800.0, "A": 5.0}, **words)
+    report = stimlib.verify(scene, MOTION, path)
+    assert report.passed, str(report)
+    assert ("0 samples clipped" in str(report)) == (name != "a.flac")
+
+
+def test_one_changed_sample_is_seen(tmp_path):
+    import hashlib
+    import json
+
+    import soundfile as sf
+
+    scene = stimlib.scenes.squeeze()
+    path = write(tmp_path / "a.w64", scene, MOTION, subtype="DOUBLE")
+    y, fs = sf.read(path, always_2d=True)
+    y[4321, 1] = np.nextafter(y[4321, 1], 1.0)
+    sf.write(path, y, fs, subtype="DOUBLE", format="W64")
+    with pytest.raises(SinkError, match="changed"):
+        stimlib.verify(scene, MOTION, path)
+    sidecar = json.loads((tmp_path / "a.w64.json").read_text())
+    sidecar["file_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (tmp_path / "a.w64.json").write_text(json.dumps(sidecar))
+    bad = [c for c in stimlib.verify(scene, MOTION, path).checks if not c.passed]
+    assert [(c.group, c.measured) for c in bad] == [("b", 1.0)]
+
+
+def test_a_rendering_of_something_else_is_refused(tmp_path):
+    scene = stimlib.scenes.squeeze()
+    path = write(tmp_path / "a.wav", scene, MOTION)
+    with pytest.raises(BadValue, match="another scene"):
+        stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, path)
+    with pytest.raises(BadValue, match="another scene"):
+        stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, stimlib.render(scene, MOTION, 8000, 0.1))
+    assert not stimlib.verify(scene, MOTION | {"x1": minimum_jerk(depth=0.019)}, path).passed
+
+
+def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
+    scene = stimlib.scenes.squeeze()
+    proc = stimlib.compile(scene, 8000)
+    proc.process(np.zeros((2, 10)))
+    file.write(tmp_path / "a.wav", proc, MOTION, 0.1, progress=False)
+    with pytest.raises(BadValue, match="begin at sample 0"):
+        stimlib.verify(scene, MOTION, tmp_path / "a.wav")
+
+
+def test_ramps_at_the_start_are_repeated(tmp_path):
+    scene = stimlib.scenes.squeeze()
+    proc = stimlib.compile(scene, 8000)
+    proc.set("k", 1000.0, ramp=0.3)
+    file.write(tmp_path / "a.wav", proc, MOTION, 0.5, progress=False)
+    checks = stimlib.verify(scene, MOTION, tmp_path / "a.wav").checks
+    assert all(c.passed for c in checks if c.group in ("a1", "a2", "b", "c"))
+
+
+def test_the_page_is_whole_and_the_same_each_time(tmp_path):
+    scene = stimlib.scenes.squeeze()
+    rendering = stimlib.render(scene, MOTION, 8000, 1.0)
+    for name in ("a.html", "b.html"):
+        stimlib.verify(scene, MOTION, rendering).to_html(tmp_path / name, command="stimlib verify squeeze --wav <a>.wav")
+    page = (tmp_path / "a.html").read_text()
+    assert page == (tmp_path / "b.html").read_text()
+    assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page  # nothing from elsewhere; no code
+    for word in ("passed", "Force over position", "Noise before gate", "&lt;a&gt;.wav", scene.hash, "minimum_jerk(depth=0.02"):
+        assert word in page
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_report_that_cannot_be_written(tmp_path):
+    report = stimlib.verify(Scene({"y": 2 * Input("x")}), {"x": ramp_and_hold(1, 1)}, _plain())
+    with pytest.raises(SinkError, match="cannot write"):
+        report.to_html(tmp_path / "missing" / "a.html")
+
+
+def _plain():
+    return stimlib.render(Scene({"y": 2 * Input("x")}), {"x": ramp_and_hold(1, 1)}, 8000, 0.1)
+
+
+def test_a_scene_of_other_blocks_is_checked_as_far_as_laws_are_known():
+    x = Input("x", "m")
+    noise = enabled(pinking(pink_noise(1.0, seed=1, f_low=10), 10.0), by=x > constant(0.001, "m"))
+    y = first_order(delay(x, 5), 0.01) + fir(x, [0.5, 0.5]) + constant(1e-3, "m") * (Param("a", 1.0) * noise)
+    scene = Scene({"y": y, "d": differentiator(x, passband=1000)})
+    report = stimlib.verify(scene, {"x": minimum_jerk()}, stimlib.render(scene, {"x": minimum_jerk()}, 8000, 2.0))
+    assert report.passed, str(report)
+    assert {"FirstOrder: physical law", "Delay: physical law", "Pinking: physical law"} <= {c.name for c in report.checks}
+    assert any("Taps" in t for t in report.evidence.skipped) and any("whole scene" in t for t in report.evidence.skipped)
+
+
+def test_a_held_position_that_toggles_is_silent_and_five_mm_per_second_sounds():
+    scene = stimlib.scenes.squeeze(fingers=1)
+    held = jittered(quantised(ramp_and_hold(0.01, 0.1), 1e-6), 1e-6, rate=900.0, seed=2)
+    y = stimlib.render(scene, {"x1": held}, 8000, 1.0)
+    assert np.all((y["force1"] - 2000 * held(y.t))[2400:] == 0)
+    slow = quantised(ramp_and_hold(0.01, 2.0), 1e-6)
+    y = stimlib.render(scene, {"x1": slow}, 8000, 1.0)
+    assert np.abs(y["force1"] - 2000 * slow(y.t)).max() > 1e-4
+
+
+def test_nan_is_not_within_any_limit():
+    assert not Check("e", "n", float("nan"), 1.0, "").passed
