@@ -38,6 +38,10 @@ def louder(p):
     return p._replace(r=p.r * 10**0.01, d=p.d * 10**0.01)
 
 
+def steeper(p):
+    return p._replace(taps=p.taps * 1.01)
+
+
 def off_tap(p):
     taps = p.taps.copy()
     taps[40] += 1e-4 * np.abs(taps).max()
@@ -89,7 +93,7 @@ def strong_spring(x, k, right=None):
 MUTATIONS = {
     "pink 0.2 dB off, in the design": (PinkNoise, "design", scaled(PinkNoise.design, louder), {"a2"}),
     "pink 0.2 dB off, in the compiled residues": (target, "_parameter_words", wrong_words, {"a1"}),
-    "FIR gain 1 % off": (Differentiator, "design", scaled(Differentiator.design, lambda p: p._replace(taps=p.taps * 1.01)), {"a2"}),
+    "FIR gain 1 % off": (Differentiator, "design", scaled(Differentiator.design, steeper), {"a2"}),
     "one tap off by 1e-4": (Differentiator, "design", scaled(Differentiator.design, off_tap), {"a2"}),
     "gate inverted": (Gate, "tile", staticmethod(inverted_tile), {"e"}),
     "gate early by one sample": (Gate, "tile", staticmethod(early_tile), {"e"}),
