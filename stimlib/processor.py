@@ -198,7 +198,7 @@ class Processor:
         if self.seed not in self._fresh:
             self._engine.words = first_states(self.program, self.design, self.seed)
             for clock in range(len(self.program.parents) - 1, PARAMS, -1):
-                if any(q.autonomous and q.clock == clock and q.kind == "block" for q in self.program.instances):
+                if any(q.autonomous and q.clock == clock and q.kind in ("block", "open") for q in self.program.instances):
                     self._engine.warm(clock, lead(self.fs))
             if len(self._fresh) >= 8:
                 self._fresh.pop(next(iter(self._fresh)))

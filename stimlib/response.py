@@ -63,8 +63,6 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
             value[i] = float(type(b).step((), (), *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
             if isinstance(b, Enabled):
-                if q.kind == "open":
-                    continue
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
             parts = [H.get(a) for a in q.args]
             H[i] = _through(b, design[i][0], z, parts, [value.get(a) for a in q.args])

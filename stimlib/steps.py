@@ -115,8 +115,9 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
     for node in ast.walk(ast.parse(text)):
         if tile and isinstance(node, (ast.If, ast.BoolOp, ast.And, ast.Or)):
             continue
-        if type(node) in _WORDS:
-            refuse(node, _WORDS[type(node)])
+        for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
+            if type(word) in _WORDS:
+                refuse(node, _WORDS[type(word)])
         if isinstance(node, ast.For):
             call = node.iter
             if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):

@@ -339,3 +339,78 @@ def run(ctx, address, c, x, y, n):
         return c.get_dummy_value()
 
     return types.void(address, c, x, y, n), code
+
+
+def _memory(groups):
+    @intrinsic
+    def some(ctx, e, r, q, low, x, w, k):
+        """As _modes, for states of two words."""
+
+        def code(c, b, sig, v):
+            e, r, q, low, x, w = (c.make_array(sig.args[j])(c, b, v[j]).data for j in range(6))
+            n = b.extract_value(c.make_array(sig.args[4])(c, b, v[4]).shape, 0)
+            places = [b.add(v[6], I64(8 * g)) for g in range(groups)]
+            es = [b.fneg(_load(b, b.gep(e, [p]), V8)) for p in places]
+            rs = [_load(b, b.gep(r, [p]), V8) for p in places]
+            state, rest = ([cgutils.alloca_once_value(b, _load(b, b.gep(a, [p]), V8)) for p in places] for a in (q, low))
+            with _for(b, I64(0), n, 1) as (i, _):
+                drive = _splat(b, b.fadd(b.load(b.gep(x, [i])), ir.Constant(DOUBLE, TINY)), V8)
+                out = b.gep(w, [b.shl(i, I64(3))])
+                sums = _load(b, out, V8)
+                for g in range(groups):
+                    old = b.load(state[g])
+                    t = b.fadd(_fma(b, V8, es[g], old, drive), b.load(rest[g]))
+                    new = b.fadd(old, t)
+                    b.store(b.fsub(t, b.fsub(new, old)), rest[g])
+                    b.store(new, state[g])
+                    sums = _fma(b, V8, rs[g], new, sums)
+                _store(b, sums, out)
+            for g in range(groups):
+                _store(b, b.load(state[g]), b.gep(q, [places[g]]))
+                _store(b, b.load(rest[g]), b.gep(low, [places[g]]))
+            return c.get_dummy_value()
+
+        return types.void(e, r, q, low, x, w, i8), code
+
+    return some
+
+
+_modes_4, _memory_1, _memory_2, _memory_4 = _modes(4), _memory(1), _memory(2), _memory(4)
+
+
+@intrinsic
+def _memory_sum(ctx, w, y):
+    def code(c, b, sig, v):
+        w, y = (c.make_array(sig.args[j])(c, b, v[j]) for j in range(2))
+        with _for(b, I64(0), b.extract_value(y.shape, 0), 1) as (i, _):
+            s = _across(b, _load(b, b.gep(w.data, [b.shl(i, I64(3))]), V8))
+            size = b.call(b.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [s])
+            zero = b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT))
+            b.store(b.select(zero, ir.Constant(DOUBLE, 0.0), s), b.gep(y.data, [i]))
+        return c.get_dummy_value()
+
+    return types.void(w, y), code
+
+
+@plain
+def memory(e, r, q, low, x, y, w):
+    w[: 8 * y.size] = 0.0
+    k = 0
+    while k + 32 <= low.size:
+        _memory_4(e, r, q, low, x, w, k)
+        k += 32
+    while k + 16 <= low.size:
+        _memory_2(e, r, q, low, x, w, k)
+        k += 16
+    if k < low.size:
+        _memory_1(e, r, q, low, x, w, k)
+        k += 8
+    while k + 32 <= e.size:
+        _modes_4(e, r, q, x, w, k)
+        k += 32
+    while k + 16 <= e.size:
+        _modes_2(e, r, q, x, w, k)
+        k += 16
+    if k < e.size:
+        _modes_1(e, r, q, x, w, k)
+    _memory_sum(w, y)

@@ -105,6 +105,15 @@ def load(text: str, stem: str) -> types.ModuleType:
             if attempt:
                 raise
             _temporary(path.parent, e)
+        except numba.core.errors.NumbaError:
+            sys.modules.pop(name, None)
+            raise
+        except Exception:  # a damaged cache file: numba lets whatever unpickling says through
+            sys.modules.pop(name, None)
+            if attempt:
+                raise
+            for damaged in [path, *path.parent.glob(f"__pycache__/{name}*")]:
+                damaged.unlink(missing_ok=True)
     raise AssertionError
 
 
@@ -114,12 +123,11 @@ def _runtime() -> types.ModuleType:
 
 
 # One class to one segment --------------------------------------------------------------------------------------------
-_HEAD = """from collections import namedtuple
-import numpy as np
-from numba import carray, cfunc, njit
-from stimlib.targets import native
-from stimlib.targets.native import SEGMENT, as_u8, at
-"""
+_HEAD = """from collections import namedtuple as _sl_namedtuple
+import numpy as _sl_np
+from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
+from stimlib.targets import native as _sl
+"""  # every name of ours begins with _sl: users choose theirs freely
 
 
 def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
@@ -135,17 +143,17 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
         if v is np:
             out.append(f"import numpy as {n}")
         elif v is maths:
-            out.append(f"{n} = native")
+            out.append(f"{n} = _sl")
         elif getattr(v, "__module__", "") == maths.__name__ and callable(v) or getattr(maths, n, None) is v:
-            out.append(f"{n} = native.{getattr(v, '__name__', n)}")
+            out.append(f"{n} = _sl.{getattr(v, '__name__', n)}")
         elif isinstance(v, type) and hasattr(v, "_fields"):
             out.append(_tuple_text(n, v))
         elif v is np.uint64 or v is np.int64 or v is np.float64:
-            out.append(f"{n} = np.{v.__name__}")
+            out.append(f"{n} = _sl_np.{v.__name__}")
         elif isinstance(v, types.FunctionType):
             _embed(v, n, done, out)
         elif isinstance(v, np.uint64):
-            out.append(f"{n} = np.uint64({int(v)})")
+            out.append(f"{n} = _sl_np.uint64({int(v)})")
         elif isinstance(v, (bool, int, float)):
             out.append(f"{n} = float({str(float(v))!r})" if isinstance(v, float) else f"{n} = {v!r}")
         else:
@@ -154,11 +162,11 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
                 "functions; put arrays into the parameters that design(fs) returns"
             )
     text = re.sub(r"^def \w+", f"def {name}", steps.source(f))
-    out.append(f'@njit(error_model="numpy", inline="always")\n{text}')
+    out.append(f'@_sl_njit(error_model="numpy", inline="always")\n{text}')
 
 
 def _tuple_text(name: str, t: type) -> str:
-    return f"{name} = namedtuple({t.__name__!r}, {t._fields!r})"  # type: ignore[attr-defined]
+    return f"{name} = _sl_namedtuple({t.__name__!r}, {t._fields!r})"  # type: ignore[attr-defined]
 
 
 @memo
@@ -166,41 +174,44 @@ def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type
     """The segment of a block class whose parameters and states have these kinds of fields."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
     steps.check(f, tile=f is cls.tile)  # type: ignore[attr-defined]
-    out, done = [_HEAD], {}
-    for t, fields in ((p_type, p_kinds), (s_type, s_kinds)):
-        if fields and t.__name__ not in done:
-            done[t.__name__] = t
-            out.append(_tuple_text(t.__name__, t))
-    _embed(f, "block", done, out)
+    out: list[str] = [_HEAD]
+    done: dict[str, Any] = {}
+    _embed(f, "_sl_block", done, out)
+    for ours, t in (("_sl_P", p_type), ("_sl_S", s_type)):
+        theirs = next((name for name, v in done.items() if v is t), None)  # the step's own, or the types would differ
+        if hasattr(t, "_fields"):
+            out.append(f"{ours} = {theirs}" if theirs else _tuple_text(ours, t))
     at, p_args = 0, []
     for k in p_kinds:
         if k in "FU":
-            p_args.append(f"carray(at({'C' if k == 'U' else 'P'}, np.int64(C[{at}])), np.int64(C[{at + 1}]))")
+            memory = "C" if k == "U" else "P"
+            p_args.append(f"_sl_carray(_sl.at({memory}, _sl_np.int64(C[{at}])), _sl_np.int64(C[{at + 1}]))")
         else:
             p_args.append(f"{'C' if k == 'u' else 'P'}[{at}]")
         at += 2 if k in "FU" else 1
-    before, after, s_args, place = ["C = as_u8(P)", "Z = as_u8(S)"], [], [], "0"
+    before, after, s_args, place = ["C = _sl.as_u8(P)", "Z = _sl.as_u8(S)"], [], [], "0"
     for k, name in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
         memory = "Z" if k in "uU" else "S"
         if k in "FU":
-            before.append(f"z_{name} = np.int64(C[{at}])")
-            s_args.append(f"carray(at({memory}, {place}), z_{name})")
+            before.append(f"z_{name} = _sl_np.int64(C[{at}])")
+            s_args.append(f"_sl_carray(_sl.at({memory}, {place}), z_{name})")
             place += f" + z_{name}"
             at += 1
         else:
             s_args.append(f"{memory}[{place}]")
             after.append(f"{memory}[{place}] = s.{name}")
             place += " + 1"
-    before.append(f"p = {p_type.__name__}({', '.join(p_args)})" if p_kinds else "p = ()")
-    before.append(f"s = {s_type.__name__}({', '.join(s_args)})" if s_kinds else "s = ()")
-    before += [f"x{j} = carray(at(W, A[{j}]), n)" for j in range(inputs)] + [f"y = carray(at(W, A[{inputs}]), n)"]
+    before.append(f"p = _sl_P({', '.join(p_args)})" if p_kinds else "p = ()")
+    before.append(f"s = _sl_S({', '.join(s_args)})" if s_kinds else "s = ()")
+    before += [f"x{j} = _sl_carray(_sl.at(W, A[{j}]), n)" for j in range(inputs)]
+    before.append(f"y = _sl_carray(_sl.at(W, A[{inputs}]), n)")
     if cls.tile:  # type: ignore[attr-defined]
-        scratch = [f"carray(at(W, A[{inputs + 1}]), np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
-        body = [f"s = block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})"]
+        scratch = [f"_sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
+        body = [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})"]
     else:
-        body = ["for i in range(n):", f"    y[i], s = block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"]
+        body = ["for i in range(n):", f"    y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"]
     lines = "\n".join("    " + text for text in [*before, *body, *after])
-    out.append(f'@cfunc(SEGMENT, cache=True, error_model="numpy")\ndef segment(P, S, W, A, n):\n{lines}\n')
+    out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{lines}\n')
     try:
         return load("\n".join(out), _owner(cls).__name__)
     except numba.core.errors.NumbaError as e:
@@ -279,7 +290,7 @@ class Engine:
                     work_slots.append(len(A) + len(w))
                     w.append(-1)
                 words, payload = _parameter_words(p, sizes)
-                rows.append((segment.segment.address, p_at, state_at, len(A), q.clock, q.autonomous))
+                rows.append((segment._sl_segment.address, p_at, state_at, len(A), q.clock, q.autonomous))
                 A.extend(w)
                 P += [words, *payload]
                 p_at += words.size + sum(v.size for v in payload)
