@@ -17,7 +17,7 @@ ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 demo: .venv/ready
 	@mkdir -p demo
-	$(BIN)/stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 4.8 --fs 8000 --out demo/squeeze.wav --picture demo/squeeze.png
+	$(BIN)/stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 4.8 --fs 8000 --full-scale 50 --out demo/squeeze.wav --picture demo/squeeze.png
 	@echo "Listen to demo/squeeze.wav (force in N, full scale as its .json says) and look at demo/squeeze.png"
 
 lint: .venv/ready

@@ -138,3 +138,21 @@ def modes(e, r, q, d, x, y, w):
             q[k] = q[k] + fma(-e[k], q[k], v)
             s[k % 8] = fma(r[k], q[k], s[k % 8])
         y[i] = flush(fma(d, x[i], tree(s)))
+
+
+def memory(e, r, q, low, x, y, w):
+    """``modes`` without d, for very slow modes: the first low.size states have a second word, so nothing that they add up is
+    rounded away.  e.size and low.size are multiples of 8; w: 8 y.size."""
+    for i in range(y.size):
+        s = [F(0.0)] * 8
+        v = x[i] + TINY
+        for k in range(low.size):
+            t = fma(-e[k], q[k], v) + low[k]
+            new = q[k] + t
+            low[k] = t - (new - q[k])
+            q[k] = new
+            s[k % 8] = fma(r[k], new, s[k % 8])
+        for k in range(low.size, e.size):
+            q[k] = q[k] + fma(-e[k], q[k], v)
+            s[k % 8] = fma(r[k], q[k], s[k % 8])
+        y[i] = flush(tree(s))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,10 @@ from ..graph import Block, as_block
 from ..maths import fma, search, where
 from ..units import unit
 
-KINDS = ("linear", "pchip", "cubic")
+KINDS = ("linear", "pchip", "cubic", "polynomial")
+MOST = 8  # knots of a polynomial
 OUTSIDE = ("hold", "zero", "error")
+POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 
 
 class TableParams(NamedTuple):
@@ -49,16 +52,7 @@ class Lut(Table):
     value_unit: str
 
     def check(self):
-        knots, values = self.knots, self.values
-        if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
-            raise BadValue(
-                f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)}, {np.shape(values)}"
-            )
-        if not (np.diff(knots) > 0).all():
-            raise BadValue(f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
-        for v, known, name in ((self.kind, KINDS, "kind"), (self.outside, OUTSIDE, "outside")):
-            if v not in known:
-                raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
+        check_points(self)
 
     def units(self, *u):
         return unit(self.value_unit)
@@ -72,8 +66,63 @@ class Lut(Table):
 
             make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
             c[:] = make(self.knots, self.values).c
-        outside, keep = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}[self.outside]
-        return TableParams(np.array(self.knots), c.T.ravel().copy(), outside, keep), ()
+        return TableParams(np.array(self.knots), c.T.ravel().copy(), *POLICY[self.outside]), ()
+
+
+class PolynomialParams(NamedTuple):
+    knots: np.ndarray
+    c: np.ndarray  # divided differences
+    outside: float
+    keep: float
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomial(Block):
+    """One polynomial through all knots in Newton's form, c0 + (x - knot0) (c1 + (x - knot1) (c2 + ..))."""
+
+    x: Block
+    knots: np.ndarray
+    values: np.ndarray
+    outside: str
+    value_unit: str
+
+    def check(self):
+        check_points(self)
+
+    def units(self, *u):
+        return unit(self.value_unit)
+
+    def design(self, fs):
+        knots, c = [Fraction(k) for k in self.knots], [Fraction(v) for v in self.values]
+        for j in range(1, len(c)):
+            for i in range(len(c) - 1, j - 1, -1):
+                c[i] = (c[i] - c[i - 1]) / (knots[i] - knots[i - j])
+        return PolynomialParams(np.array(self.knots), np.array([float(v) for v in c]), *POLICY[self.outside]), ()
+
+    @staticmethod
+    def step(p, s, x):
+        low, high = p.knots[0], p.knots[p.knots.size - 1]
+        held = where(x < low, low, where(x > high, high, x))
+        y = p.c[p.c.size - 1]
+        for i in range(1, p.c.size):
+            y = fma(held - p.knots[p.c.size - 1 - i], y, p.c[p.c.size - 1 - i])
+        return where(held == x, y, where(p.keep > 0.0, y, p.outside)), s
+
+
+def check_points(b: Lut | Polynomial) -> None:
+    """Raise BadValue where knots, values or policies make no sense."""
+    knots, values = b.knots, b.values
+    if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
+        raise BadValue(f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)}, {np.shape(values)}")
+    if not (np.diff(knots) > 0).all():
+        raise BadValue(f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
+    for v, known, name in ((getattr(b, "kind", KINDS[0]), KINDS, "kind"), (b.outside, OUTSIDE, "outside")):
+        if v not in known:
+            raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
+    if isinstance(b, Polynomial) and len(knots) > MOST:
+        raise BadValue(
+            f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or use kind='cubic'"
+        )
 
 
 def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:
@@ -86,7 +135,8 @@ def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str
         Rising, in the unit of x.
     values : array_like, shape (m,), or callable
         In ``unit``; a callable is sampled at the knots now.
-    kind : {"linear", "pchip", "cubic"}
+    kind : {"linear", "pchip", "cubic", "polynomial"}
+        Straight lines; a monotone cubic; a cubic spline; one polynomial through all knots, of which there are at most 8.
     outside : {"hold", "zero", "error"}
         What happens beyond the first and last knot; "error" gives nan, which the output's guard stops as a fault.
     unit : str
@@ -99,11 +149,13 @@ def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str
     Raises
     ------
     BadValue
-        Knots that do not rise, lengths that differ, numbers that are not finite, an unknown kind or policy.
+        Knots that do not rise, lengths that differ, numbers that are not finite, an unknown kind or policy, a polynomial
+        through more than 8 knots.
 
     References
     ----------
-    Paper 000, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.
+    Paper 000, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.  Paper 003, section 4.2: "a simple
+    look-up table and a polynomial interpolation function".
 
     Examples
     --------
@@ -115,4 +167,6 @@ def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str
     """
     if callable(values):
         values = [float(values(k)) for k in knots]
+    if kind == "polynomial":
+        return Polynomial(as_block(x), knots, values, outside, unit)
     return Lut(as_block(x), knots, values, kind, outside, unit)
