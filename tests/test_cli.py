@@ -28,8 +28,11 @@ def number():
 
 def test_render_writes_what_the_library_renders(tmp_path):
     out = tmp_path / "a.wav"
-    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.01)", "--motion", "x2=sinusoid(0.001, 5)", "--seconds", "0.5"]
-    done = run.invoke(app, [*words, "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"])
+    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.01)", "--motion", "x2=sinusoid(0.001, 5)"]
+    done = run.invoke(
+        app,
+        [*words, "--seconds", "0.5", "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"],
+    )
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
     motion = {"x1": minimum_jerk(depth=0.01), "x2": sinusoid(0.001, 5.0)}
@@ -40,7 +43,9 @@ def test_render_writes_what_the_library_renders(tmp_path):
 
 def test_render_draws_a_picture(tmp_path):
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "0.5", "--quiet"]
-    done = run.invoke(app, [*words, "--out", str(tmp_path / "a.flac"), "--full-scale", "100", "--picture", str(tmp_path / "a.png")])
+    done = run.invoke(
+        app, [*words, "--out", str(tmp_path / "a.flac"), "--full-scale", "100", "--picture", str(tmp_path / "a.png")]
+    )
     assert done.exit_code == 0, done.output
     assert done.output == ""
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,33 @@
+"""Delays."""
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks import delay
+
+x = Input("x")
+
+
+@pytest.mark.parametrize("samples", [1, 2, 63, 64, 65, 1000])
+def test_it_is_a_shift(samples):
+    u = np.random.default_rng(0).standard_normal(3000)
+    proc = stimlib.compile(Scene({"y": delay(x, samples)}), 1000)
+    y = proc.process(u[None])[0]
+    assert not y[:samples].any()
+    np.testing.assert_array_equal(y[samples:], u[:-samples])
+    assert proc.latency["y", "x"] == (samples, samples)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "fs", "samples"), [(0.01, 8000.0, 80), (0.01, 44100.0, 441), (0.0016, 1000.0, 2), (0.0005001, 1000.0, 1)]
+)
+def test_seconds_are_rounded_to_samples(seconds, fs, samples):
+    assert stimlib.compile(Scene({"y": delay(x, seconds=seconds)}), fs).latency["y", "x"] == (samples, samples)
+
+
+def test_delays_add_up():
+    u = np.random.default_rng(0).standard_normal((1, 300))
+    one = stimlib.compile(Scene({"y": delay(delay(x, 5), 70)}), 1000).process(u)
+    np.testing.assert_array_equal(one, stimlib.compile(Scene({"y": delay(x, 75)}), 1000).process(u))

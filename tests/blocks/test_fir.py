@@ -1,0 +1,58 @@
+"""Finite impulse responses against numpy's convolution; the differentiator against calculus."""
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks import differentiator, fir
+
+x = Input("x")
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 8, 9, 16, 17, 64, 65, 129, 500])
+def test_it_is_a_convolution(size):
+    rng = np.random.default_rng(size)
+    taps, u = rng.standard_normal(size), rng.standard_normal(1000)
+    y = stimlib.compile(Scene({"y": fir(x, taps)}), 1000).process(u[None])[0]
+    np.testing.assert_allclose(y, np.convolve(u, taps)[:1000], rtol=0, atol=1e-14 * np.abs(taps).sum())
+
+
+@pytest.mark.parametrize(
+    ("taps", "latency"), [([1, 2, 1], 1), ([1, 0, -1], 1), ([1, 2, 2, 1], 1.5), ([3.0], 0), ([0, 0, 5.0], 2), ([1, 1, 0, 0], 0.5)]
+)
+def test_latency(taps, latency):
+    assert stimlib.compile(Scene({"y": fir(x, taps)}), 1000).latency["y", "x"] == (latency, latency)
+
+
+@pytest.mark.parametrize("fs", [8000.0, 44100.0, 48000.0])
+@pytest.mark.parametrize("f", [20.0, 300.0, 999.0])
+def test_a_sine_becomes_a_cosine(fs, f):
+    proc = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), fs)
+    t = np.arange(int(0.2 * fs)) / fs
+    late = proc.latency["v", "x"][0] / fs
+    y = proc.process(np.sin(2 * np.pi * f * t)[None])[0]
+    wanted = 2 * np.pi * f * np.cos(2 * np.pi * f * (t - late))
+    settled = t > 2 * late
+    np.testing.assert_allclose(y[settled], wanted[settled], rtol=0, atol=2e-6 * 2 * np.pi * f)
+
+
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+@pytest.mark.parametrize("f", [1500.0, 2500.0, 3999.0])
+def test_the_stop_band_is_silent(fs, f):
+    proc = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), fs)
+    y = proc.process(np.sin(2 * np.pi * f * np.arange(int(0.2 * fs)) / fs)[None])[0]
+    assert np.abs(y[int(0.02 * fs) :]).max() < 1e-6 * 2 * np.pi * 1000
+
+
+def test_the_papers_filter_has_order_128_at_8_khz():
+    proc = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000)
+    h = proc.process(np.eye(1, 300))[0]
+    assert np.flatnonzero(h)[-1] - np.flatnonzero(h)[0] <= 128
+    np.testing.assert_allclose(h[:129], -h[128::-1], atol=1e-18)  # odd: linear phase, nothing at 0 Hz
+    assert proc.latency["v", "x"] == (64, 64)
+
+
+def test_a_constant_has_no_rate():
+    y = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000).process(np.full((1, 500), 3.0))[0]
+    assert np.abs(y[128:]).max() < 1e-9

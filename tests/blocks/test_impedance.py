@@ -1,0 +1,85 @@
+"""Velocity and impedances against calculus."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import first_order, kelvin_voigt, spring, velocity
+
+x = Input("x", "m")
+
+
+@pytest.mark.parametrize("fs", [1000.0, 8000.0, 48000.0])
+@pytest.mark.parametrize("cutoff", [5.0, 100.0, 400.0])
+def test_a_steady_movement_has_its_velocity(fs, cutoff):
+    n = int(fs * (0.02 + 6 / cutoff))
+    y = stimlib.compile(Scene({"v": velocity(x, cutoff)}), fs).process(0.03 + 0.2 * np.arange(n)[None] / fs)[0]
+    assert y[-1] == pytest.approx(0.2, rel=1e-8)
+    assert np.all(np.diff(y) >= -1e-12) and y.max() < 0.2 * (1 + 1e-9), "no overshoot"
+
+
+def test_the_first_position_is_no_jump():
+    y = stimlib.compile(Scene({"v": velocity(x)}), 8000).process(np.full((1, 1000), 0.04))
+    assert not y.any()
+
+
+def test_off_contact_the_velocity_is_0_and_re_contact_is_no_jump():
+    touch = Input("touch")
+    proc = stimlib.compile(Scene({"v": velocity(x, 100.0, touch)}), 8000)
+    u = np.r_[0.1 * np.arange(800) / 8000, np.full(100, np.nan), np.full(300, 5.0)]
+    on = np.r_[np.ones(800), np.zeros(100), np.ones(300)]
+    y = proc.process(np.array([{"x": np.nan_to_num(u, nan=2.0), "touch": on}[n] for n in proc.inputs]))[0]
+    assert y[799] == pytest.approx(0.1, rel=1e-6)
+    assert not y[800:].any()
+
+
+@pytest.mark.parametrize("tau", [1e-6, 1e-3, 0.05, 3.0, 1e6])
+@pytest.mark.parametrize("fs", [100.0, 8000.0])
+def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):
+    """Against the solution of tau y' + y = x, sample by sample, with x straight in between."""
+    rng = np.random.default_rng(0)
+    u = np.r_[0.0, rng.standard_normal(60)]
+    y = stimlib.compile(Scene({"y": first_order(Input("u"), tau)}), fs).process(u[None])[0]
+    T, wanted, now = 1 / fs, [0.0], 0.0
+    for a, b in zip(u, u[1:], strict=False):
+        slope = (b - a) / T
+        particular = a - slope * tau  # y = particular + slope t is a solution; the rest decays
+        now = particular + slope * T + (now - particular) * np.exp(-T / tau)
+        wanted.append(now)
+    np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-15 * max(1, tau * fs) ** 1.0 + 3e-15)
+
+
+def test_first_order_against_a_solver():
+    fs, tau = 2000.0, 0.02
+    t = np.arange(400) / fs
+    u = np.sin(40 * t) * t
+    y = stimlib.compile(Scene({"y": first_order(Input("u"), tau)}), fs).process(u[None])[0]
+    exact = solve_ivp(lambda s, q: (np.sin(40 * s) * s - q) / tau, (0, t[-1]), [0.0], t_eval=t, rtol=1e-10, atol=1e-12).y[0]
+    np.testing.assert_allclose(y, exact, atol=2e-5)
+
+
+def test_first_order_keeps_a_constant():
+    y = stimlib.compile(Scene({"y": first_order(Input("u"), 0.01)}), 1000).process(np.full((1, 2000), 7.0))[0]
+    np.testing.assert_allclose(y[-100:], 7.0, rtol=1e-13)
+
+
+def test_spring_and_damper():
+    fs, k, d = 8000.0, 300.0, 12.0
+    scene = Scene({"f": kelvin_voigt(x, k, Param("b", d, "N*s/m"), cutoff=200.0), "s": spring(x, Param("k", k, "N/m"))})
+    proc = stimlib.compile(scene, fs)
+    t = np.arange(8000) / fs
+    u = 0.01 + 0.05 * t
+    f, s = proc.process(u[None])
+    np.testing.assert_array_equal(s, k * u)
+    np.testing.assert_allclose(f[-100:], k * u[-100:] + d * 0.05, rtol=1e-9)
+    w = 2 * np.pi * np.array([0.5, 2.0])
+    late = np.exp(-1j * w * proc.latency["f", "x"][1] / fs)  # of the velocity; else k_C = k + i w b
+    np.testing.assert_allclose(proc.response("f", "x", w / 2 / np.pi), k + 1j * w * d * late, rtol=1e-4)
+    assert proc.units == {"x": "m", "b": "N*s/m", "k": "N/m", "f": "N", "s": "N"}
+
+
+def test_a_gain_with_a_unit_makes_an_impedance():
+    z = constant(3.0, "N*s/m") * first_order(velocity(x), 0.01)
+    assert stimlib.compile(Scene({"f": z}), 1000).units["f"] == "N"

@@ -1,0 +1,84 @@
+"""Pink noise: the filter as plain recursions, its level, and a start without a transient."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, welch
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks import pink_noise, pinking, white_noise
+from stimlib.blocks.modes import PinkNoise
+
+
+def design_of(proc, name):
+    (p, s) = next(d for d, q in zip(proc.design, proc.program.instances, strict=True) if type(q.block).__name__ == name)
+    return p, s
+
+
+@pytest.mark.parametrize("tol_db", [1.0, 0.01, 1e-5])
+def test_it_is_a_bank_of_one_pole_filters(tol_db):
+    proc = stimlib.compile(Scene({"y": pinking(Input("x"), 5.0, tol_db)}), 8000)
+    p, _ = design_of(proc, "Pinking")
+    u = np.random.default_rng(0).standard_normal(3000)
+    wanted = p.d * u + sum(r * lfilter([1], [1, e - 1], u) for e, r in zip(p.e, p.r, strict=True))
+    np.testing.assert_allclose(proc.process(u[None])[0], wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_pink_noise_is_its_own_white_noise_filtered():
+    """And it is stationary: the filter goes on from a state, not from zero."""
+    white = white_noise(5, 2)
+    proc = stimlib.compile(Scene({"w": white, "p": PinkNoise(white, 0.7, 20.0, 0.01)}), 2000)
+    start = proc.state
+    p, s = design_of(proc, "PinkNoise")
+    size = p.e.size
+    w, y = proc.process(np.empty((0, 2000)))
+    at = next(
+        k
+        for k in range(2, start.size - size + 1)
+        if np.all(np.isfinite(start[k : k + size].view(float))) and matches(start, k, p, w, y)
+    )
+    q = start[at : at + size].view(float)
+    wanted = p.d * w + sum(r * lfilter([1], [1, e - 1], w, zi=[(1 - e) * k])[0] for e, r, k in zip(p.e, p.r, q, strict=True))
+    np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def matches(start, k, p, w, y):
+    q = start[k : k + p.e.size].view(float)
+    return abs(p.d * w[0] + np.sum(p.r * (q + w[0] - p.e * q)) - y[0]) < 1e-9
+
+
+@pytest.mark.parametrize("fs", [1000.0, 8000.0, 48000.0])
+@pytest.mark.parametrize("psd", [0.25, 3.0])
+def test_the_level_is_the_stated_one_at_any_rate(fs, psd):
+    """One-sided density psd_1hz/f, by a periodogram of third octaves."""
+    proc = stimlib.compile(Scene({"p": pink_noise(psd, seed=1, f_low=2.0)}), fs)
+    y = proc.process(np.empty((0, int(60 * fs))))[0]
+    f, density = welch(y, fs, nperseg=int(2 * fs))
+    for low in np.geomspace(8, 0.3 * fs, 9):
+        band = (f >= low) & (f < 1.26 * low)
+        ratio = np.mean(density[band] * f[band]) / psd
+        cells = 60 * (1.26 - 1) * low
+        assert abs(ratio - 1) < 5 / np.sqrt(cells), f"{low:g} Hz"
+
+
+@pytest.mark.parametrize("f_low", [1.0, 30.0])
+def test_it_is_stationary_from_the_first_sample(f_low):
+    """The variance over many runs, at the first samples and later, is that of the response."""
+    fs, runs = 1000.0, 3000
+    proc = stimlib.compile(Scene({"p": pink_noise(1.0, seed=1, f_low=f_low, tol_db=0.1)}), fs)
+    y = np.empty((runs, 40))
+    for seed in range(runs):
+        proc.reset(seed)
+        y[seed] = proc.process(np.empty((0, 40)))[0]
+    f = np.r_[np.geomspace(1e-4, fs / 2, 20_000)]
+    density = np.abs(proc.response("p", "white(1, 0)", f)) ** 2 * 2 / fs
+    variance = np.trapezoid(density, f)
+    assert np.all(np.abs(np.var(y, axis=0) / variance - 1) < 5 * np.sqrt(2 / runs))
+    lag = np.trapezoid(density * np.cos(2 * np.pi * f * 30 / fs), f)
+    assert abs(np.mean(y[:, 0] * y[:, 30]) - lag) < 5 * variance * np.sqrt(2 / runs)
+
+
+def test_streams_and_seeds_differ():
+    outputs = {f"p{s}{k}": pink_noise(1.0, s, k, f_low=20.0) for s in (1, 2) for k in (0, 1)}
+    y = stimlib.compile(Scene(outputs), 1000).process(np.empty((0, 60_000)))
+    assert np.abs(np.corrcoef(y) - np.eye(4)).max() < 0.15

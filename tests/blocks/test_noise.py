@@ -1,0 +1,45 @@
+"""White noise: level, independence of rate and scene.  Its arithmetic is in test_maths.py."""
+
+import numpy as np
+import pytest
+from laws import assert_same
+from scipy.signal import welch
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks import enabled, white_noise
+
+NOTHING = np.empty((0, 500))
+
+
+@pytest.mark.parametrize("fs", [1000.0, 48000.0])
+def test_it_is_flat(fs):
+    y = stimlib.compile(Scene({"n": white_noise(1)}), fs).process(np.empty((0, 300_000)))[0]
+    f, density = welch(y, fs, nperseg=512)
+    assert np.abs(density[1:-1] * fs / 2 - 1).max() < 6 / np.sqrt(2 * 300_000 / 512)
+
+
+def test_the_same_sample_at_every_rate():
+    """A noise is a function of (keys, sample): the rate does not matter."""
+    assert_same(*(stimlib.compile(Scene({"n": white_noise(3, 4)}), fs).process(NOTHING) for fs in (1000.0, 48000.0)))
+
+
+def test_what_it_is_for_all_time():
+    """A change of these numbers changes every stimulus ever recorded."""
+    y = stimlib.compile(Scene({"n": white_noise(0)}), 8000).process(np.empty((0, 4)))[0]
+    late = stimlib.compile(Scene({"n": white_noise(7, 1)}), 8000, seed=42)
+    late.process(np.empty((0, 100_000)))
+    assert_same(y, np.array(FIRST))
+    assert_same(late.process(np.empty((0, 2)))[0], np.array(LATER))
+
+
+FIRST = [-0.2586643421641892, 0.47280889618782834, 0.6266124952097749, -0.2058550569242391]
+LATER = [0.4276765344287945, -0.05785564487978792]
+
+
+def test_a_gate_makes_the_same_noise_as_none():
+    scene = Scene({"n": enabled(white_noise(3), by=Input("x"))})
+    x = np.random.default_rng(0).choice([-1.0, 1.0], 900)
+    y = stimlib.compile(scene, 1000).process(x[None])[0]
+    free = stimlib.compile(Scene({"n": white_noise(3)}), 1000).process(NOTHING)[0]
+    assert_same(y[x > 0][:400], free[:400])

@@ -1,0 +1,128 @@
+"""What the laws are made of: runs in cuts, comparisons of bits, and the guard written a second time."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+
+import stimlib
+from stimlib.graph import kind
+
+
+def bits(a):
+    """The bits of float64 numbers, so that -0.0 is not 0.0 and nan is itself."""
+    a = np.ascontiguousarray(a)
+    return a.view(np.uint64) if a.dtype == np.float64 else a
+
+
+def assert_same(a, b, what=""):
+    """Bit for bit."""
+    assert a.shape == b.shape, f"{what}: shapes {a.shape} and {b.shape}"
+    if not np.array_equal(bits(a), bits(b)):
+        at = tuple(int(k) for k in np.argwhere(bits(a) != bits(b))[0])
+        raise AssertionError(f"{what}: {np.sum(bits(a) != bits(b))} of {a.size} differ, first at {at}: {a[at]!r} and {b[at]!r}")
+
+
+@dc.dataclass
+class Set:
+    """A call of ``Processor.set`` before sample ``at``."""
+
+    at: int
+    name: str
+    value: float
+    ramp: float
+
+
+def some_sets(proc, n, rng, count=4):
+    """Calls of ``set`` at random samples, on live numbers of a processor."""
+    names = list(proc.params)
+    if not names or n == 0:
+        return []
+    return [
+        Set(
+            int(rng.integers(0, n)),
+            str(rng.choice(names)),
+            float(rng.choice([0.0, 0.5, -1.3, 2.0])),
+            float(rng.choice([0.0, 0.004, 0.05])),
+        )
+        for _ in range(count)
+    ]
+
+
+def cut_at(n, size):
+    return list(range(0, n, size))
+
+
+def random_cuts(n, rng, count=12):
+    return sorted(int(k) for k in rng.integers(0, n + 1, count))  # some empty, some doubled
+
+
+def run(proc, x, cuts=(), sets=(), each=None):
+    """Process x, cut at these places and wherever something is set; ``each(proc)`` after every part."""
+    n = x.shape[1]
+    places = sorted({0, n, *cuts, *(s.at for s in sets)})
+    parts = []
+    for start, stop in zip(places, places[1:], strict=False):
+        for s in sets:
+            if s.at == start:
+                proc.set(s.name, s.value, s.ramp)
+        parts.append(proc.process(np.ascontiguousarray(x[:, start:stop])))
+        if each:
+            each(proc)
+    return np.concatenate(parts, axis=1) if parts else np.empty((len(proc.outputs), 0))
+
+
+def rows(proc, x, names):
+    """Rows of x, given in the order of names, in the order of a processor's inputs; new ones are zero."""
+    out = np.zeros((len(proc.inputs), x.shape[1]))
+    for i, name in enumerate(proc.inputs):
+        if name in names:
+            out[i] = x[names.index(name)]
+    return out
+
+
+def raw(scene, fs, x, names, seed=0):
+    """What stands before the guards, by the interpreter."""
+    proc = stimlib.compile(scene, fs, "python", seed)
+    x = rows(proc, x, list(names))
+    before = [proc.program.instances[o].args[0] for o in proc.program.outputs.values()]
+    inputs = list(proc.program.inputs.values())
+    out = np.empty((len(before), x.shape[1]))
+    with np.errstate(all="ignore"):
+        for n in range(x.shape[1]):
+            v = proc._engine.sample(dict(zip(inputs, x[:, n], strict=True)))
+            out[:, n] = [v[i] for i in before]
+    return out
+
+
+def guarded(row, fs):
+    """(samples, index of the fault or None): the guard as the documents describe it."""
+    bad = np.flatnonzero(~np.isfinite(row))
+    if not bad.size:
+        return row.copy(), None
+    at, m = int(bad[0]), max(1, round(0.02 * fs))
+    last = row[at - 1] if at else 0.0
+    fade = np.array([last * ((m - k) / m) for k in range(m + 1)])
+    y = np.zeros(row.size)
+    y[:at] = row[:at]
+    y[at : at + m + 1] = fade[: row.size - at]
+    y[at + m + 1 :] = last * 0.0
+    return y, at
+
+
+def float_words(proc):
+    """Which words of ``proc.state`` are floats."""
+    mask = [False, False]
+    for q, (_, s) in zip(proc.program.instances, proc.design, strict=True):
+        if q.kind == "block":
+            for v in s:
+                mask += [kind(v) in "fF"] * (v.size if isinstance(v, np.ndarray) else 1)
+    return np.array(mask)
+
+
+def impulse_response(proc, output, input, n, at=8):
+    """Answer to 1 at sample ``at``, from there on; inputs and processor at rest before."""
+    x = np.zeros((len(proc.inputs), n + at))
+    x[proc.inputs.index(input), at] = 1.0
+    return proc.process(x)[proc.outputs.index(output), at:]

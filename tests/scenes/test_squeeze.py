@@ -1,0 +1,218 @@
+"""The two-finger squeeze against a second one, written by hand from paper 000 without stimlib; and what it promises."""
+
+import numpy as np
+import pytest
+from laws import assert_same
+from scipy.signal import lfilter
+
+import stimlib
+from stimlib import Scene
+from stimlib import blocks as b
+from stimlib.blocks.fir import Differentiator
+from stimlib.blocks.gate import Loading
+from stimlib.blocks.modes import PinkNoise
+from stimlib.scenes import squeeze
+
+TAU = 1 / 8000  # the paper's sample period
+
+
+# The witness: numpy and scipy only -------------------------------------------------------------------------------------
+def philox(counter, key):
+    """Philox4x32-10 of rows of four and two 32-bit words."""
+    c, k = [np.array(v, np.uint64) for v in counter], [np.array(v, np.uint64) for v in key]
+    s, low = np.uint64(32), np.uint64(0xFFFFFFFF)
+    for _ in range(10):
+        a, b = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
+        c = [(b >> s) ^ c[1] ^ k[0], b & low, (a >> s) ^ c[3] ^ k[1], a & low]
+        k = [(k[0] + np.uint64(0x9E3779B9)) & low, (k[1] + np.uint64(0xBB67AE85)) & low]
+    return c[0] | c[1] << s, c[2] | c[3] << s
+
+
+def white(key, start, n):
+    """Box-Muller deviates start .. start + n of a stream, start even."""
+    m = np.array([(start % 2**64 // 2 + i) % 2**63 for i in range(n // 2 + 1)], np.uint64)
+    a, b = philox([m & np.uint64(0xFFFFFFFF), m >> np.uint64(32), 0 * m, 0 * m], [key & 0xFFFFFFFF, key >> 32])
+    radius = np.sqrt(-2 * np.log((a.astype(float) + 0.5) / 2**64))
+    turns = (b >> np.uint64(62)).astype(float) / 4 + ((b >> np.uint64(11) & np.uint64(2**51 - 1)).astype(float) - 2**50) / 2**53
+    return np.stack([radius * np.cos(2 * np.pi * turns), radius * np.sin(2 * np.pi * turns)], axis=1).ravel()[:n]
+
+
+def witness(x, fs, stream, k, A, e, r, d, q, taps, on, off, cutoff=100.0, seed=0, run=0, lead=256):
+    """F = k x + A (k tau v)(tau dp/dt) while v, from two poles, is loading; noise runs on the loading samples only."""
+    c = philox([seed & 0xFFFFFFFF, seed >> 32, stream, 0], [run & 0xFFFFFFFF, run >> 32])
+    n = white(int(c[0]), -lead, lead + x.size)
+    p = d * n + sum(rk * lfilter([1], [1, ek - 1], n, zi=[(1 - ek) * qk])[0] for ek, rk, qk in zip(e, r, q, strict=True))
+    dp = np.convolve(p, taps)[lead : lead + x.size]
+    pole = np.exp(-2 * np.pi * cutoff / fs)
+    v = np.diff(x, prepend=x[0]) * fs
+    for _ in range(2):
+        v = lfilter([1 - pole], [1, -pole], v)
+    gate, loading = np.zeros(x.size, bool), False
+    for i, now in enumerate(v):
+        loading = now > (off if loading else on)
+        gate[i] = loading
+    noise = np.zeros(x.size)
+    noise[gate] = dp[: gate.sum()]
+    return k * x + A * (k * TAU * v) * (TAU * noise)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+def data_of(proc, finger):
+    """The designed numbers of one finger, as plain arrays."""
+    of = {}
+    for q, (p, s) in zip(proc.program.instances, proc.design, strict=True):
+        if isinstance(q.block, PinkNoise) and q.kind == "block" and q.block.white.stream == finger:
+            used = p.r != 0
+            of |= {"e": p.e[used], "r": p.r[used], "d": p.d, "q": q.block.start(p, s, proc.seed).q[used]}
+        if isinstance(q.block, Differentiator):
+            of["taps"] = p.taps[::-1][: int(p.order) + 1]
+        if isinstance(q.block, Loading):
+            of |= {"on": p.on, "off": p.off}
+    return of
+
+
+def fingers(fs, seconds):
+    t = np.arange(int(seconds * fs)) / fs
+    one = 0.015 * (1 - np.cos(2 * np.pi * 1.7 * t))
+    other = np.interp(t, [0, 0.1, 0.3, 0.5, 0.8, seconds], [0, 0, 0.02, 0.02, 0.005, 0.04])
+    return np.round(np.stack([one, other]) * 1e6) / 1e6
+
+
+@pytest.mark.parametrize(("fs", "seed", "run"), [(8000.0, 0, 0), (8000.0, 2**63 + 7, 2**40 + 3), (48000.0, 5, 1)])
+def test_an_independent_squeeze_gives_the_same_force(fs, seed, run):
+    x = fingers(fs, 1.2)
+    proc = stimlib.compile(squeeze(k=1700.0, A=2.9, seed=seed), fs, seed=run)
+    y = proc.process(x)
+    lead = max(256, round(0.032 * fs))
+    for i in (0, 1):
+        mine = witness(x[i], fs, i + 1, 1700.0, 2.9, **data_of(proc, i + 1), seed=seed, run=run, lead=lead)
+        spring = 1700.0 * x[i]
+        vibration = np.abs(mine - spring).max()
+        assert vibration > 0.05
+        assert np.abs(y[i] - mine).max() <= 1e-12 * np.abs(mine).max()
+        assert np.abs((y[i] - spring) - (mine - spring)).max() <= 1e-10 * vibration + 1e-14
+
+
+def expected_rms(fs, v, k=2000.0, A=3.4):
+    """From the response of the noise chain: the pass band, and what the transition band lets through."""
+    chain = Scene({"dp": b.differentiator(b.pink_noise(1 / np.pi, 0, f_low=10.0), passband=1000.0)})
+    proc = stimlib.compile(chain, fs, "python")
+    f = np.linspace(0, fs / 2, 40001)[1:-1]
+    density = np.abs(proc.response("dp", "white(0, 0)", f)) ** 2 * 2 / fs
+    inside = f <= 1000
+    step = f[1] - f[0]
+    return [A * k * TAU * v * TAU * np.sqrt(np.sum(density[band]) * step) for band in (inside, slice(None))]
+
+
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+def test_the_vibration_has_the_level_of_the_paper_at_any_rate(fs):
+    band, total = expected_rms(fs, 0.1)
+    assert band == pytest.approx(3.4 * 2000 * TAU * 0.1 * TAU * np.pi * 1000 * np.sqrt(2 / np.pi), rel=2e-3)
+    assert band == pytest.approx(0.027, rel=0.02)
+    proc = stimlib.compile(squeeze(fingers=1), fs)
+    x = 0.1 * np.arange(int(30 * fs)) / fs
+    vibration = (proc.process(x[None])[0] - 2000 * x)[int(0.1 * fs) :]
+    assert np.sqrt(np.mean(vibration**2)) == pytest.approx(total, rel=0.01)
+    spectrum = np.fft.rfft(vibration)
+    spectrum[int(1000 * vibration.size / fs) :] = 0
+    assert np.sqrt(np.mean(np.fft.irfft(spectrum, vibration.size) ** 2)) == pytest.approx(0.027, rel=0.02)
+
+
+def test_the_vibration_grows_with_the_rate_and_not_with_the_depth():
+    """Figure 4: constant amplitude at constant loading rate."""
+    proc = stimlib.compile(squeeze(fingers=1), 8000)
+    rms = []
+    for v in (0.02, 0.04):
+        proc.reset()
+        x = v * np.arange(16000) / 8000
+        y = proc.process(x[None])[0] - 2000 * x
+        rms.append([np.sqrt(np.mean(part**2)) for part in (y[800:8400], y[8400:])])
+    assert rms[0][1] == pytest.approx(rms[0][0], rel=0.05)
+    np.testing.assert_allclose(rms[1], 2 * np.array(rms[0]), rtol=0.01)
+
+
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+@pytest.mark.parametrize("rate", [1, 10, 37, 100, 250, 1000, 3999])
+def test_a_held_position_is_silent_whatever_the_last_bit_does(fs, rate):
+    t = np.arange(int(fs)) / fs
+    toggle = 0.01 + 1e-6 * (np.floor(2 * rate * t) % 2)
+    noise = 0.01 + 1e-6 * np.random.default_rng(rate).integers(0, 2, t.size)
+    proc = stimlib.compile(squeeze(), fs)
+    assert_same(proc.process(np.stack([toggle, noise])), np.stack([2000 * toggle, 2000 * noise]))
+
+
+def test_a_slow_squeeze_sounds_and_a_release_does_not():
+    t = np.arange(8000) / 8000
+    x = np.round(0.005 * t * 1e6) / 1e6
+    proc = stimlib.compile(squeeze(), 8000)
+    y = proc.process(np.stack([x, 0.02 - x])) - 2000 * np.stack([x, 0.02 - x])
+    assert np.mean(y[0, 400:] != 0) > 0.99
+    assert not y[1].any()
+
+
+def test_noise_is_skipped_at_A_0_and_A_k_and_level_are_live():
+    x = np.tile(0.1 * np.arange(4000) / 8000, (2, 1))
+    on = stimlib.compile(squeeze(), 8000).process(x)
+    proc = stimlib.compile(squeeze(A=0.0), 8000)
+    fresh = proc.state
+    assert_same(proc.process(x), 2000 * x)
+    white_at = [k for k in range(2, fresh.size) if fresh[k] == 0]  # a stream's index at sample 0 is among these
+    assert (proc.state[white_at] == 4000).sum() == 2, "only the two guards have counted"
+    for name in ("A", "level"):
+        proc = stimlib.compile(squeeze(), 8000)
+        first = proc.process(np.ascontiguousarray(x[:, :2000]))
+        proc.set(name, 0.0, ramp=0.0)
+        np.testing.assert_array_equal(first, on[:, :2000])
+        rest = np.ascontiguousarray(x[:, 2000:])
+        np.testing.assert_array_equal(proc.process(rest), 2000 * rest)
+    proc = stimlib.compile(squeeze(), 8000)
+    proc.set("A", 6.8, ramp=0.0)
+    np.testing.assert_allclose(proc.process(x) - 2000 * x, 2 * (on - 2000 * x), rtol=1e-9, atol=1e-15)
+    proc = stimlib.compile(squeeze(), 8000)
+    proc.set("k", 1000.0, ramp=0.0)
+    np.testing.assert_allclose(proc.process(x), on / 2, rtol=1e-12)
+
+
+def test_each_finger_and_each_run_has_its_own_noise():
+    x = np.tile(0.1 * np.arange(80_000) / 8000, (2, 1))
+    proc = stimlib.compile(squeeze(), 8000)
+    runs = []
+    for seed in (0, 1):
+        proc.reset(seed)
+        runs += list(proc.process(x) - 2000 * x)
+    runs.append((stimlib.compile(squeeze(seed=1), 8000).process(x) - 2000 * x)[0])
+    correlation = np.corrcoef(np.array(runs)[:, 800:])
+    assert np.abs(correlation - np.eye(5)).max() < 0.05
+
+
+def test_latencies():
+    latency = stimlib.compile(squeeze(), 8000).latency
+    for i in (1, 2):
+        assert latency[f"force{i}", f"white(0, {i})"] == (64, 64)
+        low, high = latency[f"force{i}", f"x{i}"]
+        assert low == 0 and high == pytest.approx(25, abs=0.1)
+        assert (f"force{i}", f"x{3 - i}") not in latency
+
+
+def test_off_contact_is_silent_and_re_contact_starts_anew():
+    t = np.arange(8000) / 8000
+    x = np.where(t < 0.5, 0.05 * t, 0.03 + 0.01 * (t - 0.5))  # jumps where it is lifted
+    touch = ((t < 0.45) | (t > 0.55)).astype(float)
+    proc = stimlib.compile(squeeze(contact=True), 8000)
+    rows = {"x1": x, "x2": np.zeros(8000), "contact": touch}
+    y = proc.process(np.array([rows[n] for n in proc.inputs]))[0] - 2000 * x
+    assert not y[touch == 0].any()
+    early, late = y[(t > 0.1) & (t < 0.44)], y[t > 0.6]
+    assert np.abs(late).max() < 0.5 * np.abs(early).max() and np.std(late) == pytest.approx(np.std(early) / 5, rel=0.2)
+    assert np.abs(y[(t > 0.55) & (t < 0.6)]).max() <= 1.2 * np.abs(late).max()
+
+
+@pytest.mark.parametrize("scene", [squeeze(fingers=1), squeeze(fingers=3, k=500.0), squeeze(passband=1200.0, cutoff=50.0)])
+def test_it_is_a_scene_like_any_other(scene, tmp_path):
+    scene.save(tmp_path / "scene.json")
+    again = stimlib.load(tmp_path / "scene.json")
+    assert again.hash == scene.hash
+    proc, other = stimlib.compile(scene, 8000), stimlib.compile(again, 8000)
+    x = np.tile(0.1 * np.arange(500) / 8000, (len(proc.inputs), 1))
+    assert_same(proc.process(x), other.process(x))
+    assert set(proc.units.values()) == {"m", "N", "N/m", "1"}

@@ -1,0 +1,299 @@
+"""The cache of compiled segments, with real processes and real folders; and steps that must not compile."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+SMALL = """
+import hashlib, sys
+import numpy as np
+import stimlib
+from stimlib import blocks as b
+x = stimlib.Input("x")
+noise = b.enabled(b.fir(b.pink_noise(1.0, 1, f_low=20.0), [1.0, -1.0]), by=x > 0.0)
+scene = stimlib.Scene({"y": b.first_order(x, 0.01) * noise + b.tanh(x)})
+proc = stimlib.compile(scene, 1000)
+y = proc.process(np.sin(np.arange(500.0))[None])
+print(hashlib.sha256(y.tobytes()).hexdigest())
+"""
+
+
+def environment(cache, *paths):
+    path = os.pathsep.join(map(str, (*paths, ROOT)))
+    return os.environ | {
+        "STIMLIB_CACHE": str(cache),
+        "PYTHONPATH": path,
+        "PYTHONWARNINGS": "default",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+
+
+def start(script, cache, *args, paths=(), **kw):
+    return subprocess.Popen(
+        [sys.executable, str(script), *args],
+        env=environment(cache, *paths),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **kw,
+    )
+
+
+def finish(process):
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err[-4000:]
+    return out.strip(), err
+
+
+def run(script, cache, *args, **kw):
+    return finish(start(script, cache, *args, **kw))
+
+
+@pytest.fixture
+def small(tmp_path):
+    path = tmp_path / "small.py"
+    path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory):
+    """What the small scene gives, and a cache folder that has it."""
+    here = tmp_path_factory.mktemp("wanted")
+    (here / "small.py").write_text(SMALL)
+    return run(here / "small.py", here / "cache")[0], here / "cache"
+
+
+# Folders -------------------------------------------------------------------------------------------------------------
+def test_processes_that_start_at_once_share_one_empty_folder(small, wanted, tmp_path):
+    processes = [start(small, tmp_path / "new") for _ in range(3)]
+    assert {finish(p)[0] for p in processes} == {wanted[0]}
+    assert not list((tmp_path / "new").rglob("*.tmp"))
+
+
+def test_a_second_process_compiles_nothing(small, wanted):
+    y, cache = wanted
+    before = {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()}
+    assert run(small, cache)[0] == y
+    assert {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()} == before
+
+
+def test_a_folder_that_cannot_be_made_is_a_warning(small, wanted, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    out, err = run(small, tmp_path / "file" / "cache")
+    assert out == wanted[0]
+    assert "RuntimeWarning" in err and "STIMLIB_CACHE" in err and "cannot be written" in err
+
+
+def mount(kind, *args):
+    done = subprocess.run(["mount", *args], capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"{kind} needs the right to mount: {done.stderr.strip()}")
+
+
+def test_a_read_only_folder_is_a_warning(small, wanted, tmp_path):
+    folder = tmp_path / "readonly"
+    folder.mkdir()
+    mount("a read-only folder", "-t", "tmpfs", "-o", "ro,size=64k", "none", str(folder))
+    try:
+        out, err = run(small, folder)
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+    assert out == wanted[0]
+    assert "RuntimeWarning" in err and "Read-only" in err
+
+
+@pytest.mark.parametrize("size", ["8k", "256k"])
+def test_a_full_folder_is_a_warning(small, wanted, tmp_path, size):
+    """Full from the start, and full in the middle of a segment."""
+    folder = tmp_path / "full"
+    folder.mkdir()
+    mount("a full disk", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder))
+    try:
+        out, err = run(small, folder)
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+    assert out == wanted[0]
+    assert "RuntimeWarning" in err and "No space" in err
+
+
+@pytest.mark.parametrize("kind", ["nbc", "nbi"])
+def test_a_damaged_file_is_compiled_again(small, wanted, tmp_path, kind):
+    """A compiled file or its index that was cut short (a crash, a full disk)."""
+    run(small, tmp_path / "cache")
+    for path in (tmp_path / "cache").rglob(f"*.{kind}"):
+        path.write_bytes(path.read_bytes()[:100])
+    assert run(small, tmp_path / "cache")[0] == wanted[0]
+    assert run(small, tmp_path / "cache")[0] == wanted[0]
+
+
+# Blocks of users -----------------------------------------------------------------------------------------------------
+MODULE = """
+from dataclasses import dataclass
+from typing import NamedTuple
+from stimlib.graph import Block
+from stimlib.maths import fma, where
+{top}
+
+FACTOR = {factor}
+
+def helper(x):
+    return {helper}
+
+class GainParams(NamedTuple):
+    gain: float
+
+class GainState(NamedTuple):
+    last: float
+
+@dataclass(frozen=True, eq=False)
+class Gain(Block):
+    x: Block
+    gain: float = 2.0
+    def design(self, fs):
+        return GainParams(self.gain), GainState(0.0)
+    @staticmethod
+    def step(p, s, x):
+        return {step}, GainState(x)
+"""
+DEFAULT = {"top": "", "factor": "3.0", "helper": "x + 1.0", "step": "p.gain * FACTOR * helper(x)"}
+
+USER = """
+import numpy as np, sys
+import stimlib
+import mine
+for target in ("numba", "python"):
+    proc = stimlib.compile(stimlib.Scene({"y": mine.Gain(stimlib.Input("x"))}), 1000, target)
+    print(*proc.process(np.array([[1.0, 2.0]]))[0])
+"""
+
+
+def test_an_edit_is_never_served_stale(tmp_path):
+    """Step, helper, helper of a helper, constant: each edit is seen by the next process, with one cache."""
+    (tmp_path / "user.py").write_text(USER)
+    edits = [
+        ({}, [12, 18]),
+        ({"step": "p.gain * FACTOR * helper(x) + s.last"}, [12, 19]),
+        ({"helper": "x + 2.0"}, [18, 24]),
+        ({"factor": "5.0"}, [20, 30]),
+        ({"factor": "5"}, [20, 30]),
+        ({"helper": "other(x)", "top": "def other(x):\n    return x * 10.0"}, [60, 120]),
+        ({"helper": "other(x)", "top": "def other(x):\n    return x * 20.0"}, [120, 240]),
+        ({"helper": "other(x)", "top": "DEEP = 4.0\ndef other(x):\n    return x * DEEP"}, [24, 48]),
+        ({"helper": "other(x)", "top": "DEEP = 8.0\ndef other(x):\n    return x * DEEP"}, [48, 96]),
+        ({}, [12, 18]),
+    ]
+    for edit, result in edits:
+        (tmp_path / "mine.py").write_text(MODULE.format(**(DEFAULT | edit)))
+        out, _ = run(tmp_path / "user.py", tmp_path / "cache", paths=[tmp_path])
+        assert out.split("\n") == [f"{float(result[0])} {float(result[1])}"] * 2, edit
+
+
+def test_a_script_and_a_notebook_cell_define_blocks(tmp_path):
+    """Blocks of ``__main__``, of a cell whose text only linecache knows, and a cell that is run again with other text."""
+    body = MODULE.format(**DEFAULT) + USER.replace("import mine\n", "").replace("mine.", "")
+    (tmp_path / "script.py").write_text(body)
+    assert run(tmp_path / "script.py", tmp_path / "cache")[0].split() == ["12.0", "18.0"] * 2
+    cells = """
+import linecache, sys
+def cell(text, n):
+    name = f"<ipython-input-{n}>"
+    linecache.cache[name] = (len(text), None, text.splitlines(True), name)
+    exec(compile(text, name, "exec"), globals())
+first = open(sys.argv[1]).read()
+cell(first, 1)
+cell(first.replace("x + 1.0", "x + 2.0"), 2)
+cell(first.replace("FACTOR = 3.0", "FACTOR = 4.0"), 3)
+"""
+    (tmp_path / "notebook.py").write_text(cells)
+    out, _ = run(tmp_path / "notebook.py", tmp_path / "cache", str(tmp_path / "script.py"))
+    assert out.split() == ["12.0", "18.0"] * 2 + ["18.0", "24.0"] * 2 + ["16.0", "24.0"] * 2
+
+
+def test_text_that_python_did_not_keep_is_an_error_that_says_so(tmp_path):
+    body = MODULE.format(**DEFAULT)
+    script = f"""
+import stimlib
+exec({body!r}, globals())
+try:
+    stimlib.compile(stimlib.Scene({{"y": Gain(stimlib.Input("x"))}}), 1000)
+except stimlib.SceneError as e:
+    print(e)
+"""
+    (tmp_path / "script.py").write_text(script)
+    out, _ = run(tmp_path / "script.py", tmp_path / "cache")
+    assert "Gain.step" in out and "source text is not available" in out and "file or a notebook cell" in out
+
+
+TAKEN = {
+    "tuples": ("GainParams", "P", "GainState", "S"),
+    "tuples_of_the_wrapper": ("GainParams", "namedtuple", "GainState", "carray"),
+    "tuples_called_like_arrays": ("GainParams", "W", "GainState", "A"),
+    "helper_at": ("helper", "at"),
+    "helper_block": ("helper", "block"),
+    "helper_segment": ("helper", "segment"),
+    "helper_native": ("helper", "native"),
+    "helper_njit": ("helper", "njit"),
+    "helper_y": ("helper", "y"),
+    "constant_n": ("FACTOR", "n"),
+    "constant_C": ("FACTOR", "C"),
+    "constant_as_u8": ("FACTOR", "as_u8"),
+    "constant_SEGMENT": ("FACTOR", "SEGMENT"),
+    "constant_x0": ("FACTOR", "x0"),
+}
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory):
+    """What a user's block gives under each set of names: its samples, or the error."""
+    here = tmp_path_factory.mktemp("taken")
+    for case, names in TAKEN.items():
+        body = MODULE.format(**DEFAULT | {"step": "p.gain * FACTOR * helper(x) + 0.0 * s.last"})
+        for old, new in zip(names[::2], names[1::2], strict=True):
+            body = body.replace(old, new)
+        (here / f"mine_{case}.py").write_text(body)
+    (here / "user.py").write_text("""
+import importlib, json, sys
+import numpy as np
+import stimlib
+found = {}
+for case in sys.argv[1:]:
+    try:
+        mine = importlib.import_module(f"mine_{case}")
+        scene = stimlib.Scene({"y": mine.Gain(stimlib.Input("x"))})
+        found[case] = [stimlib.compile(scene, 1000, t).process(np.array([[1.0, 2.0]]))[0].tolist() for t in ("numba", "python")]
+    except Exception as e:
+        found[case] = f"{type(e).__name__}: {e}"
+print(json.dumps(found))
+""")
+    return json.loads(run(here / "user.py", here / "cache", *TAKEN, paths=[here])[0])
+
+
+@pytest.mark.parametrize("case", TAKEN)
+def test_users_choose_their_names_freely(taken, case):
+    """Names that the generated text uses as well."""
+    assert taken[case] == [[12.0, 18.0]] * 2
+
+
+def test_one_name_with_two_meanings_is_an_error(tmp_path):
+    """A step and its helper, from two modules, mean different numbers by one name."""
+    (tmp_path / "far.py").write_text("FACTOR = 7.0\ndef far(x):\n    return x * FACTOR\n")
+    (tmp_path / "mine.py").write_text(
+        MODULE.format(**DEFAULT | {"top": "from far import far", "step": "p.gain * FACTOR * far(x)"})
+    )
+    (tmp_path / "user.py").write_text(
+        USER.replace("for target", "try:\n  for target").replace("    p", "      p")
+        + textwrap.dedent("""
+        except stimlib.SceneError as e:
+            print(e)
+        """)
+    )
+    out, _ = run(tmp_path / "user.py", tmp_path / "cache", paths=[tmp_path])
+    assert "'FACTOR' means different things" in out or out.split() == ["42.0", "84.0"] * 2

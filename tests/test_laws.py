@@ -1,0 +1,437 @@
+"""The laws that every block keeps, whoever wrote it; see design.md.  The table of blocks is ``contract.py``."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contract import TABLE, missing, velocity_law
+from laws import assert_same, cut_at, float_words, guarded, impulse_response, random_cuts, raw, rows, run, some_sets
+from scipy.interpolate import CubicSpline
+
+import stimlib
+from stimlib import Input, Param, Scene
+from stimlib import blocks as b
+from stimlib.errors import BadValue
+from stimlib.graph import Enabled
+
+ROWS = [pytest.param(e, fs, id=f"{e.name}-{fs:g}") for e in TABLE for fs in e.rates]
+FIRST = [pytest.param(e, e.rates[0], id=e.name) for e in TABLE]
+DRIVEN = [p for p in FIRST if p.values[0].inputs]
+LTI = [p for p in ROWS if p.values[0].lti]
+LAWS = [
+    pytest.param(e, fs, law, id=f"{e.name}-{fs:g}-{k}") for e in TABLE for fs in e.rates for k, law in enumerate(e.laws)
+]  # fmt: skip
+
+
+def pair(entry, fs):
+    """The compiled and the interpreted processor of an example, and the interpreter."""
+    return [stimlib.compile(entry.scene(), fs, target) for target in ("numba", "python")]
+
+
+def driven(entry, fs, n, seed=0):
+    """A compiled processor and rows for its inputs."""
+    proc = stimlib.compile(entry.scene(), fs)
+    return proc, rows(proc, entry.x(n, fs, seed), entry.inputs)
+
+
+def test_every_block_is_in_the_table():
+    assert missing() == set(), "add an example to tests/contract.py"
+
+
+def test_the_table_has_each_name_once():
+    assert len({e.name for e in TABLE}) == len(TABLE)
+
+
+# 1 -------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("entry", "fs"), ROWS)
+def test_law_1_cuts_change_nothing(entry, fs):
+    n = 2500
+    proc, x = driven(entry, fs, n)
+    rng = np.random.default_rng(1)
+    sets = some_sets(proc, n, rng)
+    whole = run(proc, x, (), sets)
+    end = proc.state
+    for cuts in (cut_at(n, 1), cut_at(n, 7), cut_at(n, 64), cut_at(n, 1000), random_cuts(n, rng), random_cuts(n, rng)):
+        proc.reset()
+        assert_same(run(proc, x, cuts, sets), whole, f"cuts at {cuts[:5]}..")
+        assert_same(proc.state, end, "state")
+    proc.reset()
+    assert_same(run(proc, x), run(stimlib.compile(entry.scene(), fs), x), "one call")
+
+
+# 2, 3 ----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("entry", "fs"), ROWS)
+def test_laws_2_and_3_compiled_is_the_reference_in_output_and_state(entry, fs):
+    n = 260
+    procs = pair(entry, fs)
+    x = rows(procs[0], entry.x(n, fs), entry.inputs)
+    rng = np.random.default_rng(2)
+    sets, cuts = some_sets(procs[0], n, rng), [1, 2, 9, 73, 137, *random_cuts(n, rng, 3)]
+    assert_same(procs[0].state, procs[1].state, "state before sample 0")
+    states = [[], []]
+    y = [run(p, x, cuts, sets, lambda p, kept=kept: kept.append(p.state)) for p, kept in zip(procs, states, strict=True)]
+    assert_same(*y, "numba and python")
+    for k, (s, t) in enumerate(zip(*states, strict=True)):
+        assert_same(s, t, f"state after part {k}")
+    assert procs[0].fault == procs[1].fault is None
+    assert np.any(y[0]), "the example is silent"
+
+
+@pytest.mark.parametrize(("entry", "fs"), FIRST)
+def test_law_3_a_state_goes_on_in_any_processor(entry, fs):
+    n, at = 200, 83
+    scene = entry.scene()
+    procs = [stimlib.compile(scene, fs, target) for target in ("numba", "python")]
+    x = rows(procs[0], entry.x(n, fs), entry.inputs)
+    sets = some_sets(procs[0], at, np.random.default_rng(3))
+    whole = run(procs[0], x, (at,), sets)
+    procs[0].reset()
+    run(procs[0], x[:, :at], (), sets)
+    middle = procs[0].state
+    rest = np.ascontiguousarray(x[:, at:])
+    for proc in (*procs, stimlib.compile(scene, fs, seed=77), stimlib.compile(scene, fs, "python", seed=77)):
+        proc.process(np.ascontiguousarray(x[:, 5:30]))  # whatever was there before
+        proc.state = middle
+        assert_same(proc.state, middle, "what was put in")
+        assert proc.index == at
+        assert_same(proc.process(rest), whole[:, at:], f"going on in {proc}")
+    middle[:] = 0  # a copy, not a window
+    procs[0].reset()
+    assert_same(run(procs[0], x, (at,), sets), whole, "after reset")
+
+
+@pytest.mark.parametrize(("entry", "fs"), FIRST)
+def test_law_3_reset_is_fresh(entry, fs):
+    for target in ("numba", "python"):
+        proc = stimlib.compile(entry.scene(), fs, target)
+        fresh = proc.state
+        x = rows(proc, entry.x(90, fs), entry.inputs)
+        y = proc.process(x)
+        if "live" in proc.params:
+            proc.set("live", 3.0)
+        proc.reset(5)
+        proc.process(x)
+        proc.reset(0)
+        assert_same(proc.state, fresh, target)
+        assert proc.index == 0 and proc.log == [] and proc.params["live"] == 1.25
+        assert_same(proc.process(x), y, target)
+
+
+@pytest.mark.parametrize("target", ["numba", "python"])
+def test_law_3_a_foreign_state_is_refused(target):
+    x = Input("x")
+    proc = stimlib.compile(Scene({"y": b.delay(x, 3)}), 1000, target)
+    good = proc.state
+    others = [Scene({"y": b.delay(x, 4)}), Scene({"y": b.fir(x, [1, 2, 3])}), Scene({"y": x})]
+    for state in [stimlib.compile(s, 1000, target).state for s in others] + [
+        good[:-1],
+        good.view(np.float64),
+        np.r_[good, good],
+        3,
+    ]:
+        with pytest.raises(BadValue):
+            proc.state = state
+    same_size = stimlib.compile(Scene({"y": b.first_order(x, 1.0) + Input("z")}), 1000, target)
+    with pytest.raises(BadValue, match="another scene or sample rate"):
+        same_size.state = stimlib.compile(Scene({"y": b.first_order(x, 1.0)}), 1000, target).state
+    with pytest.raises(BadValue, match="another scene or sample rate"):
+        proc.state = stimlib.compile(Scene({"y": b.delay(x, 3)}), 2000, target).state
+    assert_same(proc.state, good, "what is refused changes nothing")
+
+
+# 5 -------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("entry", "fs"), LTI)
+def test_law_5a_impulse_response_is_the_response(entry, fs):
+    proc = stimlib.compile(Scene({"y": entry.block()}), fs)
+    n = entry.settle
+    for name in proc.inputs:
+        proc.reset()
+        h = impulse_response(proc, "y", name, n)
+        assert np.abs(h[-n // 8 :]).max() <= 1e-14 * np.abs(h).max() or not h[-1], "not settled: take a longer run"
+        f = np.fft.rfftfreq(n, 1 / fs)
+        got, said = np.fft.rfft(h), proc.response("y", name, f)
+        assert np.abs(got - said).max() <= 1e-12 * np.abs(said).max()
+
+
+def source_of(proc):
+    return [*proc.inputs, *proc.program.noises][0]
+
+
+@pytest.mark.parametrize(("entry", "fs", "law"), LAWS)
+def test_law_5b_response_is_the_physics(entry, fs, law):
+    proc = stimlib.compile(Scene({"y": entry.block()}), fs, "python")
+    f = law.f(fs)
+    got, wanted = law.of(proc.response("y", source_of(proc), f), fs), law.law(f, fs)
+    assert np.max(np.abs(got - wanted) / law.size(wanted)) <= law.tol
+
+
+# 6 -------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("entry", "fs"), DRIVEN)
+def test_law_6_outputs_stay_finite(entry, fs, bad):
+    at, n = 41, 41 + int(0.02 * fs) + 60
+    x = entry.x(n, fs, seed=6)
+    for row in range(len(x)):
+        broken = x.copy()
+        broken[row, at] = bad
+        before = raw(entry.scene(), fs, broken, entry.inputs)
+        wanted = [guarded(r, fs) for r in before]
+        faults = [(i, name) for (_, i), name in zip(wanted, "yz", strict=True) if i is not None]
+        for proc in pair(entry, fs):
+            y = run(proc, rows(proc, broken, entry.inputs), (13, 60, 61))
+            assert_same(y, np.array([w for w, _ in wanted]), f"input {row}, {proc}")
+            assert np.isfinite(y).all()
+            assert proc.fault == (min(faults)[::-1] if faults else None)
+            proc.process(rows(proc, x, entry.inputs))
+            assert (proc.fault is None) == (not faults), "latched until reset"
+            proc.reset()
+            assert proc.fault is None
+
+
+def test_law_6_the_fade_is_as_documented():
+    """Last finite value, then straight to 0 in 20 ms, latched until reset."""
+    proc = stimlib.compile(Scene({"y": Input("x"), "other": 2 * Input("x")}), 1000)
+    x = np.full((1, 60), 4.0)
+    x[0, 10] = np.nan
+    y = proc.process(x)
+    np.testing.assert_array_equal(y[0, :10], 4.0)
+    np.testing.assert_allclose(y[0, 10:31], 4.0 * (1 - np.arange(21) / 20), rtol=1e-15)
+    np.testing.assert_array_equal(y[0, 30:], 0.0)
+    assert proc.fault in {("y", 10), ("other", 10)}
+    assert not proc.process(np.ones((1, 50))).any()
+    proc.reset()
+    np.testing.assert_array_equal(proc.process(np.ones((1, 5)))[0], 1.0)
+
+
+def test_law_6_bad_from_the_first_sample():
+    proc = stimlib.compile(Scene({"y": Input("x")}), 1000)
+    assert not proc.process(np.full((1, 80), np.inf)).any()
+    assert proc.fault == ("y", 0)
+
+
+@pytest.mark.parametrize("hold", ["last", "zero"])
+@pytest.mark.parametrize(("entry", "fs"), DRIVEN)
+def test_law_6_nothing_decays_into_denormals(entry, fs, hold):
+    """They would cost a hundred times more per sample, for ever."""
+    proc, x = driven(entry, fs, int(fs))
+    proc.process(x)
+    held = np.repeat(x[:, -1:] if hold == "last" else np.zeros((len(x), 1)), int(10 * fs), axis=1)
+    floats = float_words(proc)
+    for _ in range(6):
+        y = proc.process(held)
+        v = np.abs(proc.state[floats].view(np.float64))
+        assert np.all((v == 0) | (v >= 1e-300)), v[(v != 0) & (v < 1e-300)]
+        assert np.all((y == 0) | (np.abs(y) >= 1e-300))
+
+
+# 7 -------------------------------------------------------------------------------------------------------------------
+def lti_runs(entry, fs, n=600):
+    """A function from inputs to output at rest, and two inputs that start with a zero."""
+    proc = stimlib.compile(Scene({"y": entry.block()}), fs)
+
+    def f(x):
+        proc.reset()
+        return proc.process(np.ascontiguousarray(rows(proc, x, entry.inputs)))[0]
+
+    x = [entry.x(n, fs, seed) for seed in (7, 8)]
+    for v in x:
+        v[:, 0] = 0.0
+    return f, *x
+
+
+@pytest.mark.parametrize(("entry", "fs"), LTI)
+def test_law_7_linear(entry, fs):
+    f, x, z = lti_runs(entry, fs)
+    a, c = 0.7, -2.3
+    wanted = a * f(x) + c * f(z)
+    scale = abs(a) * np.abs(f(np.abs(x))).max() + abs(c) * np.abs(f(np.abs(z))).max() + np.abs(wanted).max()
+    np.testing.assert_allclose(f(a * x + c * z), wanted, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize(("entry", "fs"), LTI)
+def test_law_7_gain_of_two_is_exact(entry, fs):
+    f, x, _ = lti_runs(entry, fs)
+    np.testing.assert_allclose(f(-4.0 * x), -4.0 * f(x), rtol=0, atol=1e-180)
+
+
+@pytest.mark.parametrize(("entry", "fs"), LTI)
+def test_law_7_later_in_later_out(entry, fs):
+    f, x, _ = lti_runs(entry, fs)
+    late = np.concatenate([np.zeros((len(x), 77)), x], axis=1)
+    y = f(late)
+    np.testing.assert_allclose(y[:77], 0.0, atol=1e-180)
+    np.testing.assert_allclose(y[77:], f(x), rtol=0, atol=1e-180)
+
+
+@pytest.mark.parametrize("rates", [(8000.0, 48000.0), (8000.0, 44100.0)])
+def test_law_7_the_rate_of_samples_is_not_part_of_the_physics(rates):
+    """One movement, two sample rates, one velocity and one derivative (each behind its own stated latency)."""
+
+    def motion(t):
+        return 0.01 * np.sin(2 * np.pi * 3 * t) + 0.002 * np.cos(2 * np.pi * 41 * t)
+
+    x = Input("x")
+    scene = Scene({"v": b.velocity(x), "d": b.differentiator(x, 1000.0), "lag": b.first_order(x, 0.01)})
+    t = np.arange(0.2, 0.4, 0.01)
+    got = []
+    for fs in rates:
+        proc = stimlib.compile(scene, fs)
+        n = np.arange(int(0.5 * fs))
+        y = proc.process(motion(n / fs)[None])
+        late = [proc.latency[name, "x"][0] / fs for name in proc.outputs]
+        got.append([CubicSpline(n / fs, row)(t + s) for s, row in zip(late, y, strict=True)])
+    for one, other, tol in zip(*got, (2e-3, 1e-5, 1e-4), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=tol * np.abs(one).max())
+
+
+# 8 -------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("entry", "fs"), FIRST)
+def test_law_8_what_else_is_heard_changes_nothing(entry, fs):
+    n = 400
+    block = entry.block()
+    alone = stimlib.compile(Scene({"y": block}), fs)
+    x = entry.x(n, fs, seed=9)
+    y = alone.process(rows(alone, x, entry.inputs))[0]
+    gate = (Input(entry.inputs[0], entry.unit) if entry.inputs else Input("other", block_unit(block))) - block_of_unit(
+        entry
+    ) > 0.0
+    # what runs inside enabled cannot also run outside: that is an error of its own
+    monitor = {f"monitor{i}": c for i, c in enumerate(block.children) if not isinstance(block, Enabled)}
+    noise = b.pink_noise(1.0, seed=2**63, stream=9)
+    more = {
+        "output": {"before": Input("other") * 2.0, "y": block, "after": b.delay(Input("other"), 200)},
+        "noise": {"before": noise, "y": block},
+        "gate": {"gated": b.enabled(b.fir(noise, [1.0, 2.0]), by=gate), "y": block},
+        "gate behind it": {"y": block, "gated": b.enabled(noise, by=abs(b.nonzero(block)) > 0.5)},
+        "monitor": {**monitor, "y": block},
+        "twice": {"y": block, "again": block},
+    }
+    for what, outputs in more.items():
+        proc = stimlib.compile(Scene(outputs), fs)
+        got = proc.process(rows(proc, x, list(entry.inputs)))
+        assert_same(got[list(outputs).index("y")], y, f"with another {what}")
+
+
+@pytest.mark.parametrize("target", ["numba", "python"])
+def test_law_8_a_gate_that_no_input_reaches_starts_where_it_starts(target):
+    """Another autonomous output must not run the gated clock before sample 0."""
+    y = b.enabled(b.white_noise(1), by=Param("a", 1.0))
+    alone = stimlib.compile(Scene({"y": y}), 1000, target)
+    beside = stimlib.compile(Scene({"y": y, "z": b.white_noise(2)}), 1000, target)
+    nothing = np.empty((0, 5))
+    assert_same(beside.process(nothing)[0], alone.process(nothing)[0])
+
+
+def block_unit(block):
+    return str(block.dim) if str(block.dim) != "1" else ""
+
+
+def block_of_unit(entry):
+    """A number that fits under the first input."""
+    return stimlib.constant(0.001, entry.unit if entry.inputs else block_unit(entry.block()))
+
+
+# The squeeze as a whole ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+def test_the_squeeze_keeps_laws_1_2_3(fs):
+    scene = stimlib.scenes.squeeze()
+    n = 1500
+    fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
+    t = np.arange(n) / fs
+    x = 0.02 * np.stack([1 - np.cos(2 * np.pi * 12 * t), 1 - np.cos(2 * np.pi * 9 * t + 1)])
+    rng = np.random.default_rng(4)
+    sets = some_sets(fast, n, rng, 6)
+    wanted = run(fast, x, (), sets)
+    end = fast.state
+    for cuts in (cut_at(n, 1), cut_at(n, 64), random_cuts(n, rng)):
+        fast.reset()
+        assert_same(run(fast, x, cuts, sets), wanted, "cut")
+        assert_same(fast.state, end, "state")
+    short = x[:, :400]
+    early = [s for s in sets if s.at < 400]
+    fast.reset()
+    assert_same(run(slow, short, (33,), early), run(fast, short, (150, 151), early), "reference")
+    assert_same(slow.state, fast.state, "state of the reference")
+
+
+# Bounds --------------------------------------------------------------------------------------------------------------
+BOUNDED = """
+import sys
+broken = []
+sys.unraisablehook = lambda u: broken.append(repr(u.exc_value))
+import numpy as np
+import numba
+assert numba.config.BOUNDSCHECK == 1
+import stimlib
+from contract import TABLE
+from laws import random_cuts, rows, run, some_sets
+
+out = {}
+for e in TABLE:
+    proc = stimlib.compile(e.scene(), e.rates[0])
+    x = rows(proc, e.x(700, e.rates[0]), e.inputs)
+    rng = np.random.default_rng(10)
+    out[e.name] = run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng))
+    assert not broken, (e.name, broken)
+
+from dataclasses import dataclass
+from stimlib.graph import Block
+import trespass
+proc = stimlib.compile(stimlib.Scene({"y": trespass.Trespass(stimlib.Input("x"))}), 1000)
+proc.process(np.ones((1, 3)))
+assert broken and "IndexError" in broken[0], "bounds are not checked at all"
+np.savez(sys.argv[1], **out)
+"""
+
+TRESPASS = """
+from dataclasses import dataclass
+from typing import NamedTuple
+import numpy as np
+from stimlib.graph import Block
+
+class Numbers(NamedTuple):
+    table: np.ndarray
+    at: float
+
+@dataclass(frozen=True, eq=False)
+class Trespass(Block):
+    x: Block
+    def design(self, fs):
+        return Numbers(np.zeros(3), 3.0), ()
+    @staticmethod
+    def step(p, s, x):
+        return x + p.table[np.int64(p.at)], s
+"""
+
+
+def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
+    """The whole table with NUMBA_BOUNDSCHECK=1, in a process and a cache of its own; and the same bits."""
+    (tmp_path / "bounded.py").write_text(BOUNDED)
+    (tmp_path / "trespass.py").write_text(TRESPASS)
+    here = Path(__file__).parent
+    env = os.environ | {
+        "NUMBA_BOUNDSCHECK": "1", "STIMLIB_CACHE": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}:{here}:{here.parent}",
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "bounded.py"), str(tmp_path / "y.npz")],
+        env=env,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    with np.load(tmp_path / "y.npz") as y:
+        for e in TABLE:
+            proc, x = driven(e, e.rates[0], 700)
+            rng = np.random.default_rng(10)
+            assert_same(run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng)), y[e.name], e.name)
+
+
+def test_velocity_law_has_the_slope_of_a_derivative():
+    """The documented formula is a derivative at low frequencies."""
+    law = velocity_law(100.0).law
+    f = np.array([0.1, 0.5])
+    np.testing.assert_allclose(law(f, 8000.0), 2j * np.pi * f, rtol=1e-2)

@@ -1,0 +1,433 @@
+"""Each name of stimlib.maths, the definition, against what compiled code does; and the numbers against exact arithmetic."""
+
+import math
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+from laws import assert_same, bits
+from numba import njit
+from scipy import stats
+
+import stimlib
+from stimlib import Scene, maths
+from stimlib.blocks import noise, white_noise
+from stimlib.targets import native
+
+SPECIAL = [
+    0.0, -0.0, 1.0, -1.0, 0.5, 2.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e-200, -1e-200,
+    1.0000001e-200,
+    9.9e-201, 1e-190, 1.7976931348623157e308, -1.7976931348623157e308, 1e-17, math.pi, -math.pi / 2, 1e6, 1e15, 1e22, 709.7,
+    709.8, -745.2, -708.5,
+]  # fmt: skip
+
+
+def numbers(n=3000, seed=0):
+    """Special values, then random ones over all exponents and random bit patterns."""
+    rng = np.random.default_rng(seed)
+    wide = rng.standard_normal(n) * 10.0 ** rng.uniform(-320, 308, n)
+    near = rng.standard_normal(n) * 10.0 ** rng.uniform(-3, 3, n)
+    return np.concatenate([SPECIAL, wide, near, rng.integers(0, 2**64, n, np.uint64).view(np.float64)])
+
+
+def integers(n=3000, seed=0):
+    rng = np.random.default_rng(seed)
+    edge = [
+        0,
+        1,
+        2,
+        3,
+        2**11,
+        2**52,
+        2**53 - 1,
+        2**53,
+        2**53 + 1,
+        2**62 - 1,
+        2**62,
+        2**63 - 1,
+        2**63,
+        2**63 + 1024,
+        2**64 - 1025,
+        2**64 - 1,
+    ]
+    return np.concatenate([np.array(edge, np.uint64), rng.integers(0, 2**64, n, np.uint64)])
+
+
+def assert_number(a, b, what=""):
+    """Equal bits, any nan being like any other (which one a sum of two gives is the processor's business)."""
+    a, b = np.asarray(a), np.asarray(b)
+    if a.dtype == np.float64:
+        both = np.isnan(a) & np.isnan(b)
+        a, b = np.where(both, 0.0, a), np.where(both, 0.0, b)
+    assert_same(a, b, what)
+
+
+def each(f, *columns):
+    with np.errstate(all="ignore"):
+        return np.array([f(*row) for row in zip(*columns, strict=True)])
+
+
+def compiled_each(f, arity, dtype=np.float64):
+    g = njit(f, error_model="numpy") if not hasattr(f, "py_func") else f
+    if arity == 1:
+
+        @njit(error_model="numpy")
+        def loop(a, out):
+            for i in range(a.size):
+                out[i] = g(a[i])
+    elif arity == 2:
+
+        @njit(error_model="numpy")
+        def loop(a, b, out):
+            for i in range(a.size):
+                out[i] = g(a[i], b[i])
+    else:
+
+        @njit(error_model="numpy")
+        def loop(a, b, c, out):
+            for i in range(a.size):
+                out[i] = g(a[i], b[i], c[i])
+
+    def run(*columns):
+        out = np.empty(columns[0].size, dtype)
+        loop(*columns, out)
+        return out
+
+    return run
+
+
+def wrapped(name, arity):
+    """A plain function around one of native's names (intrinsics cannot be passed about)."""
+    f = getattr(native, name)
+    if arity == 1:
+
+        def call(a):
+            return f(a)
+    elif arity == 2:
+
+        def call(a, b):
+            return f(a, b)
+    else:
+
+        def call(a, b, c):
+            return f(a, b, c)
+
+    return call
+
+
+UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush"]
+
+
+def test_every_name_of_maths_is_tested_here():
+    tested = {*UNARY, "fma", "where", "as_float", "bits", "unbits", "words", "copy", "search", "tree", "fir", "modes", "memory"}
+    written = {n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"}
+    assert written == tested
+    assert all(hasattr(native, n) for n in tested - {"tree"}), "each has a compiled counterpart"
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_functions_of_one_number(name):
+    x = numbers()
+    assert_number(compiled_each(wrapped(name, 1), 1)(x), each(getattr(maths, name), x), name)
+
+
+def test_functions_of_bits():
+    x, u = numbers(), integers()
+    assert_same(compiled_each(wrapped("bits", 1), 1, np.uint64)(x), each(maths.bits, x))
+    assert_same(compiled_each(wrapped("bits", 1), 1, np.uint64)(x), bits(x))
+    assert_same(compiled_each(wrapped("unbits", 1), 1)(u), each(maths.unbits, u))
+    assert_same(compiled_each(wrapped("as_float", 1), 1)(u), each(maths.as_float, u))
+    assert_same(each(maths.as_float, u), np.array([float(int(v)) for v in u]))
+
+
+def test_fma_in_compiled_code():
+    a, b, c = (numbers(seed=s) for s in (1, 2, 3))
+    with np.errstate(all="ignore"):
+        product = a * b
+    for columns in ((a, b, c), (a, b, -product), (np.roll(a, 7), np.roll(b, 3), np.roll(c, 1))):
+        assert_number(compiled_each(wrapped("fma", 3), 3)(*columns), each(maths.fma, *columns))
+
+
+def test_fma_has_one_rounding():
+    """Against exact rational arithmetic."""
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((2, 2000)) * 10.0 ** rng.integers(-20, 20, (2, 2000))
+    c = np.where(rng.random(2000) < 0.7, -a * b * (1 + rng.choice([0, 2e-16, -2e-16, 1e-9], 2000)), rng.standard_normal(2000))
+    exact = [float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in zip(a, b, c, strict=True)]
+    np.testing.assert_array_equal(each(maths.fma, a, b, c), exact)
+    assert np.any(a * b + c != exact), "the examples do not tell"
+
+
+def test_fma_of_special_numbers():
+    inf, nan = np.inf, np.nan
+    for a, b, c, y in [
+        (inf, 0.0, 1.0, nan),
+        (inf, 1.0, -inf, nan),
+        (1e308, 10.0, -inf, -inf),
+        (1e308, 10.0, 0.0, inf),
+        (nan, 1.0, 1.0, nan),
+    ]:
+        np.testing.assert_equal(float(maths.fma(a, b, c)), y)
+
+
+def test_where():
+    a, b = numbers(), numbers(seed=9)
+    c = np.arange(a.size) % 3 == 0
+
+    @njit(error_model="numpy")
+    def loop(c, a, b, y):
+        for i in range(a.size):
+            y[i] = native.where(c[i], a[i], b[i])
+
+    for one, other in ((a, b), (integers(), integers(seed=8))):
+        n = min(one.size, other.size)
+        y = np.empty(n, one.dtype)
+        loop(c[:n], one[:n], other[:n], y)
+        assert_same(y, each(maths.where, c[:n], one[:n], other[:n]))
+        assert_same(y, np.where(c[:n], one[:n], other[:n]))
+
+
+@pytest.mark.parametrize("size", [2, 3, 4, 7, 64, 65])
+def test_search(size):
+    knots = np.cumsum(np.random.default_rng(size).uniform(0.1, 1, size))
+    x = np.concatenate([knots, np.nextafter(knots, -9), np.nextafter(knots, 99), SPECIAL, np.linspace(-1, knots[-1] + 1, 200)])
+
+    @njit(error_model="numpy")
+    def loop(knots, x, y):
+        for i in range(x.size):
+            y[i] = native.search(knots, x[i])
+
+    y = np.empty(x.size)
+    loop(knots, x, y)
+    np.testing.assert_array_equal(y, [maths.search(knots, v) for v in x])
+    inside = (x >= knots[0]) & (x < knots[-1])
+    np.testing.assert_array_equal(y[inside], np.searchsorted(knots, x[inside], "right") - 1)
+
+
+def test_copy_and_words():
+    @njit
+    def both(a, b):
+        native.copy(a, b[3:])
+        return native.words(a)[0]
+
+    a, b = numbers()[:50], np.zeros(60)
+    first = both(a, b)
+    other = np.zeros(60)
+    maths.copy(a, other[3:])
+    assert_same(b, other)
+    assert first == maths.words(a)[0]
+
+
+def test_tree_is_the_written_order():
+    s = np.random.default_rng(1).standard_normal(8) * 10.0 ** np.arange(8)
+    assert maths.tree(s) == ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
+
+
+@njit(error_model="numpy")
+def compiled_fir(taps, w, y):
+    native.fir(taps, w, y)
+
+
+@njit(error_model="numpy")
+def compiled_modes(e, r, q, d, x, y, w):
+    native.modes(e, r, q, d, x, y, w)
+
+
+@pytest.mark.parametrize("size", range(8, 137, 8))
+def test_fir(size):
+    rng = np.random.default_rng(size)
+    for n in [*range(1, 20), 23, 31, 32, 33, 48, 63, 64]:
+        taps, w = rng.standard_normal(size) * 10.0 ** rng.uniform(-8, 8, size), rng.standard_normal(n + size - 1)
+        if n == 23:
+            w[rng.integers(0, w.size, 3)] = [np.nan, np.inf, 5e-324]
+        y, z = np.empty(n), np.empty(n)
+        compiled_fir(taps, w, y)
+        with np.errstate(all="ignore"):
+            maths.fir(taps, w, z)
+        assert_number(y, z, f"{size} taps, {n} samples")
+        if n != 23:
+            exact = [math.fsum(taps * w[i : i + size]) for i in range(n)]
+            assert np.abs(z - exact).max() <= 2e-15 * np.abs(taps).sum() * np.abs(w).max()
+
+
+@pytest.mark.parametrize("size", range(8, 137, 8))
+def test_modes(size):
+    rng = np.random.default_rng(size)
+    for n in [1, 2, 3, 5, 7, 8, 9, 16, 31, 63, 64]:
+        e, r, q = rng.uniform(1e-5, 1.5, size), rng.standard_normal(size), rng.standard_normal(size)
+        x, d = rng.standard_normal(n), rng.standard_normal()
+        if n == 31:
+            x[10:] = 0.0
+            q *= 1e-199
+        if n == 16:
+            x[11] = np.nan
+        p, y, z = q.copy(), np.empty(n), np.empty(n)
+        compiled_modes(e, r, q, d, x, y, np.full(512, np.nan))
+        with np.errstate(all="ignore"):
+            maths.modes(e, r, p, d, x, z, np.empty(512))
+        assert_number(y, z, f"{size} modes, {n} samples")
+        assert_number(q, p, "state")
+
+
+@pytest.mark.parametrize(("size", "slow"), [(8, 0), (8, 8), (16, 8), (24, 24), (40, 16), (136, 64)])
+def test_memory(size, slow):
+    """Modes so slow that the first ones carry a second word."""
+
+    @njit(error_model="numpy")
+    def compiled_memory(e, r, q, low, x, y, w):
+        native.memory(e, r, q, low, x, y, w)
+
+    rng = np.random.default_rng(size)
+    for n in [1, 2, 3, 5, 8, 9, 31, 63, 64]:
+        e, r = np.sort(10.0 ** rng.uniform(-14, 0, size)), rng.standard_normal(size)
+        q, low, x = rng.standard_normal(size), 1e-17 * rng.standard_normal(slow), rng.standard_normal(n)
+        p, other, y, z = q.copy(), low.copy(), np.empty(n), np.empty(n)
+        compiled_memory(e, r, q, low, x, y, np.full(512, np.nan))
+        maths.memory(e, r, p, other, x, z, np.empty(512))
+        assert_number(y, z, f"{size} modes, {n} samples")
+        assert_number(q, p, "state")
+        assert_number(low, other, "second words")
+
+
+# Noise ---------------------------------------------------------------------------------------------------------------
+KNOWN = [  # counter, key, result: Random123, kat_vectors, philox4x32 10
+    ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+    ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+    (
+        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+        (0xA4093822, 0x299F31D0),
+        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+    ),
+]
+U = np.uint64
+
+
+@pytest.mark.parametrize(("counter", "key", "result"), KNOWN)
+def test_philox_known_answers(counter, key, result):
+    words = [U(v) for v in (*counter, *key)]
+    with np.errstate(over="ignore"):
+        assert tuple(map(int, noise.philox(*words))) == result
+    assert njit(noise.philox)(*words) == result
+
+
+@njit(error_model="numpy")
+def _radius(a, y):
+    for i in range(a.size):
+        y[i] = RADIUS(a[i])
+
+
+@njit(error_model="numpy")
+def _turn(a, x, y):
+    for i in range(a.size):
+        x[i], y[i] = TURN(a[i])
+
+
+def transplant(f):
+    """A function of blocks/noise.py with native's functions in the place of maths', as a segment has it."""
+    names = dict(f.__globals__) | {n: getattr(native, n) for n in ("fma", "sqrt", "where", "bits", "unbits", "as_float")}
+    return njit(type(f)(f.__code__, names, f.__name__), error_model="numpy")
+
+
+RADIUS, TURN = transplant(noise.radius), transplant(noise.turn)
+
+
+def ulps(got, exact):
+    """Largest error in units of the last place of the exact value."""
+    return max(
+        float(abs(mpmath.mpf(float(g)) - e) / mpmath.mpf(float(np.spacing(abs(float(e)) or 5e-324))))
+        for g, e in zip(got, exact, strict=True)
+    )
+
+
+def test_radius_is_right_to_a_few_ulps():
+    mpmath.mp.prec = 200
+    top = U(2**64 - 1)
+    a = np.concatenate(
+        [integers(6000, 5), top - integers(500, 6) // U(2**40), top - np.arange(4096, dtype=U), integers(500, 7) // U(2**50)]
+    )
+    exact = [mpmath.sqrt(-2 * mpmath.log((mpmath.mpf(int(v)) + mpmath.mpf("0.5")) / 2**64)) for v in a]
+    got = each(noise.radius, a)
+    y = np.empty(a.size)
+    _radius(a, y)
+    assert_same(y, got)
+    usual = a < U(2**64 - 2**60)  # beyond, u is rounded next to 1 and the radius is small
+    assert ulps(got[usual], [e for e, k in zip(exact, usual, strict=True) if k]) < 4
+    assert max(abs(float(g - e)) for g, e in zip(got, exact, strict=True)) <= 2**-26.5
+    assert np.all(got >= 0) and np.isfinite(got).all()
+
+
+def test_turn_is_right_to_a_few_ulps():
+    mpmath.mp.prec = 200
+    a = integers(8000, 8)
+    got = np.array([noise.turn(v) for v in a]).T
+    x = np.empty((2, a.size))
+    _turn(a, x[0], x[1])
+    assert_same(x, got)
+    # quarter turns from the upper two bits; the rest, of 51 bits, from -1/8 to 1/8 turn
+    angle = [(mpmath.mpf(int(v) >> 62) / 4) + mpmath.mpf(((int(v) >> 11) & (2**51 - 1)) - 2**50) / 2**53 for v in a]
+    exact = [[f(2 * mpmath.pi * t) for t in angle] for f in (mpmath.cos, mpmath.sin)]
+    worst = max(
+        abs(float(mpmath.mpf(float(g)) - e)) for row, want in zip(got, exact, strict=True) for g, e in zip(row, want, strict=True)
+    )
+    assert worst < 1.7e-16
+    assert np.abs(np.hypot(*got) - 1).max() < 4e-16
+
+
+def test_the_tails_reach_nine_and_a_half_sigma():
+    assert float(noise.radius(U(0))) == pytest.approx(math.sqrt(2 * 65 * math.log(2)), rel=1e-15)
+    assert 9.49 < noise.radius(U(0)) < 9.5
+    assert 0 <= noise.radius(U(2**64 - 1)) < 1e-8
+    for v in (0, 2**64 - 1):
+        c, s = noise.turn(U(v))
+        assert abs(c * c + s * s - 1) < 4e-16
+
+
+def stream(seed, start, n, run=0):
+    """White noise from a sample index on, as the processor makes it."""
+    proc = stimlib.compile(Scene({"n": white_noise(seed)}), 1000, seed=run)
+    state = proc.state
+    state[3] = U(start)  # header of two words, key, index
+    proc.state = state
+    return proc.process(np.empty((0, n)))[0]
+
+
+def test_sample_n_is_a_function_of_n():
+    proc = stimlib.compile(Scene({"n": white_noise(3)}), 1000)
+    assert proc.state[3] == 0, "the index of the stream at sample 0"
+    y = proc.process(np.empty((0, 700)))[0]
+    for start in (0, 1, 2, 3, 62, 63, 64, 65, 127, 128, 129, 400, 699):
+        assert_same(stream(3, start, 1), y[start : start + 1])
+        assert_same(stream(3, start, 700 - start), y[start:])
+
+
+@pytest.mark.parametrize("middle", [2**32, 2**33, 2**53, 2**63])
+def test_no_seam_where_counters_carry(middle):
+    whole = stream(3, middle - 9, 30)
+    for cut in range(30):
+        assert_same(stream(3, middle - 9 + cut, 30 - cut), whole[cut:])
+    key = stimlib.compile(Scene({"n": white_noise(3)}), 1000).state[2]
+    with np.errstate(over="ignore"):
+        pairs = [noise.pair_of_words(key, U((middle >> 1) + m)) for m in range(3)]
+    direct = [noise.radius(a) * v for a, b in pairs for v in noise.turn(b)]
+    assert_same(whole[9:15], np.array(direct))
+    assert np.unique(whole).size == 30
+
+
+def test_keys_tell_runs_seeds_streams_and_uses_apart():
+    keys = {int(noise.noise_key(*k)) for k in np.ndindex(4, 4, 4, 2)}
+    assert len(keys) == 4 * 4 * 4 * 2
+    assert noise.noise_key(2**64 - 1, 2**64 - 1, 2**32 - 1, 1) != noise.noise_key(0, 0, 0, 1)
+
+
+def test_moments_and_distribution():
+    y = stimlib.compile(Scene({"n": white_noise(11)}), 1000).process(np.empty((0, 400_000)))[0]
+    n = y.size
+    for moment, expected, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
+        assert abs(np.mean(y**moment) - expected) < 4.5 * math.sqrt(variance / n)
+    assert stats.kstest(y, "norm").pvalue > 1e-3
+    for lag in (1, 2, 3, 64, 128):
+        assert abs(np.mean(y[lag:] * y[:-lag])) < 4.5 / math.sqrt(n)
+    assert 4.2 < np.abs(y).max() < 6
+    other = stimlib.compile(Scene({"n": white_noise(12)}), 1000).process(np.empty((0, n)))[0]
+    assert abs(np.mean(y * other)) < 4.5 / math.sqrt(n)

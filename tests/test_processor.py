@@ -1,0 +1,314 @@
+"""The processor: messages, `out`, live numbers, latency, response, plan."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from laws import assert_same
+
+import stimlib
+from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
+
+x, z = Input("x"), Input("z")
+both = pytest.mark.parametrize("target", ["numba", "python"])
+
+
+def make(outputs=None, fs=1000, target="python", **kw):
+    return stimlib.compile(Scene(outputs or {"y": x + z}), fs, target, **kw)
+
+
+# process -------------------------------------------------------------------------------------------------------------
+@both
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (np.zeros(5), ["(2, n)", "x, z", "(5,)"]), (np.zeros((3, 5)), ["(2, n)", "(3, 5)"]), (np.zeros((2, 5, 1)), ["(2, 5, 1)"]),
+        (np.zeros((2, 5), np.float32), ["float64", "float32", "astype"]), (np.zeros((2, 5), int), ["int64"]),
+        (np.zeros((2, 10))[:, ::2], ["C-contiguous", "ascontiguousarray"]), (np.zeros((5, 2)).T, ["C-contiguous"]),
+        ([[1.0], [2.0]], ["array", "list"]), (None, ["array", "NoneType"]), (3.0, ["float"]), (np.zeros((2, 3), ">f8"), [">f8"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_block_says_what_is_wanted(target, bad, words):
+    proc = make(target=target)
+    with pytest.raises(BadValue) as e:
+        proc.process(bad)
+    assert str(e.value).startswith("process: x ") and all(w in str(e.value) for w in words), e.value
+    assert proc.index == 0, "nothing has run"
+
+
+@both
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (np.zeros((1, 4)), ["(1, 5)", "(1, 4)"]), (np.zeros((2, 5)), ["(1, 5)", "(2, 5)"]),
+        (np.zeros((1, 5), np.float32), ["float32"]),
+        (np.zeros((1, 10))[:, ::2], ["C-contiguous"]), ([0.0], ["list"]), (np.zeros(5), ["(5,)"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_out_says_what_is_wanted(target, bad, words):
+    proc = make(target=target)
+    with pytest.raises(BadValue) as e:
+        proc.process(np.zeros((2, 5)), bad)
+    assert str(e.value).startswith("process: out ") and all(w in str(e.value) for w in words), e.value
+    assert proc.index == 0
+
+
+@both
+def test_out_that_cannot_be_written(target):
+    out = np.zeros((1, 5))
+    out.flags.writeable = False
+    with pytest.raises(BadValue, match="read-only"):
+        make(target=target).process(np.zeros((2, 5)), out)
+
+
+@both
+def test_out_is_what_comes_back(target):
+    proc, u = make(target=target), np.random.default_rng(0).standard_normal((2, 100))
+    out = np.full((1, 100), np.nan)
+    assert proc.process(u, out) is out
+    assert_same(out[0], u[0] + u[1])
+    u.flags.writeable = False
+    assert_same(proc.process(u), out)
+    assert proc.index == 200
+
+
+@both
+def test_no_samples_are_no_trouble(target):
+    proc = make(target=target)
+    before = proc.state
+    assert proc.process(np.zeros((2, 0))).shape == (1, 0)
+    assert_same(proc.state, before)
+
+
+def test_in_place():
+    """out may be the input: each tile is read before it is written."""
+    proc = make({"a": blocks.delay(x, 3) + z, "b": x * z}, target="numba")
+    u = np.random.default_rng(1).standard_normal((2, 1000))
+    wanted = proc.process(u)
+    proc.reset()
+    assert_same(proc.process(u, u), wanted)
+
+
+def test_the_address_gives_the_same_bits():
+    proc = make({"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)}, target="numba")
+    u = np.random.default_rng(2).standard_normal((1, 300))
+    wanted = proc.process(u)
+    proc.reset()
+    entry, context = proc.address
+    out = np.empty((3, 300))
+    f = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(entry)
+    f(context, u.ctypes.data, out.ctypes.data, 300)
+    assert_same(out, wanted)
+    assert proc.index == 300
+    with pytest.raises(SceneError, match="numba"):
+        _ = make(target="python").address
+
+
+# compile -------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fs", [0, -1, np.nan, np.inf, "fast", None])
+def test_bad_rates(fs):
+    with pytest.raises(BadValue, match="fs"):
+        make(fs=fs)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "a", None])
+def test_bad_seeds(seed):
+    with pytest.raises(BadValue, match="seed"):
+        make(seed=seed) if seed is not None else make(seed=np.nan)
+    proc = make()
+    if seed is not None:
+        with pytest.raises(BadValue, match="seed"):
+            proc.reset(seed)
+
+
+def test_bad_target():
+    with pytest.raises(BadValue, match="numba, python"):
+        make(target="fpga")
+
+
+def test_names_and_units():
+    scene = Scene({"force": Param("k", 2.0, "N/m") * Input("q", "m"), "loud": blocks.white_noise(1)})
+    proc = stimlib.compile(scene, 1000)
+    assert proc.inputs == ("q",) and proc.outputs == ("force", "loud") and proc.params == {"k": 2.0}
+    assert proc.units == {"q": "m", "k": "N/m", "force": "N", "loud": "1"}
+    assert repr(proc) == "Processor(q -> force, loud, fs=1000, numba)"
+    assert "no input" in repr(make({"y": constant(1.0)}))
+
+
+@both
+def test_seeds_are_keys_of_all_noise(target):
+    scene = Scene({"a": blocks.white_noise(1), "b": blocks.pink_noise(1.0, 2, f_low=20.0), "c": x})
+    u = np.zeros((1, 64))
+    first = stimlib.compile(scene, 1000, target, seed=9)
+    y = first.process(u)
+    other = stimlib.compile(scene, 1000, target)
+    assert not np.any(other.process(u)[:2] == y[:2])
+    other.reset(9)
+    assert other.seed == 9
+    assert_same(other.process(u), y)
+    other.reset()
+    assert_same(other.process(u), y)
+    for seed in range(20):  # more than are remembered
+        other.reset(seed)
+    other.reset(9)
+    assert_same(other.process(u), y)
+
+
+# set -----------------------------------------------------------------------------------------------------------------
+@both
+@pytest.mark.parametrize(("ramp", "n"), [(0.0, 1), (0.0004, 1), (0.001, 1), (0.002, 2), (0.02, 20), (0.1, 100), (0.333, 333)])
+def test_a_ramp_is_straight_and_ends_exactly(target, ramp, n):
+    proc = make({"y": Param("a", 0.1)}, target=target)
+    nothing = np.empty((0, 7))
+    np.testing.assert_array_equal(proc.process(nothing), 0.1)
+    proc.set("a", 0.7, ramp)
+    assert proc.params == {"a": 0.7}
+    y = proc.process(np.empty((0, 400)))[0]
+    np.testing.assert_array_equal(y[n - 1 :], 0.7)
+    np.testing.assert_allclose(y[:n], 0.1 + 0.6 * np.arange(1, n + 1) / n, rtol=1e-13)
+    assert proc.log == [(7, "a", 0.7, ramp)]
+
+
+@both
+def test_a_ramp_may_turn_on_the_way(target):
+    proc = make({"y": Param("a", 0.0)}, target=target)
+    proc.set("a", 1.0, 0.01)
+    y = proc.process(np.empty((0, 5)))[0]
+    proc.set("a", 3.0, 1.0)  # never heard: the next call replaces it
+    proc.set("a", -1.0, 0.003)
+    y = np.r_[y, proc.process(np.empty((0, 5)))[0]]
+    np.testing.assert_allclose(y, [0.1, 0.2, 0.3, 0.4, 0.5, 0.0, -0.5, -1.0, -1.0, -1.0], atol=1e-15)
+    assert [c.at for c in proc.log] == [0, 5, 5]
+    proc.reset()
+    assert proc.log == [] and proc.params == {"a": 0.0}
+    assert not proc.process(np.empty((0, 5))).any()
+
+
+@both
+def test_a_setting_is_part_of_the_state_at_once(target):
+    proc = make({"y": Param("a", 0.0)}, target=target)
+    proc.set("a", 4.0, 0.0)
+    state = proc.state
+    proc.reset()
+    proc.set("a", 9.0)
+    proc.state = state
+    np.testing.assert_array_equal(proc.process(np.empty((0, 3))), 4.0)
+    assert proc.params == {"a": 4.0}, "what a restored state goes towards"
+
+
+@both
+@pytest.mark.parametrize(
+    ("args", "error", "words"),
+    [
+        (("b", 1.0), UnknownName, ["'b'", "a, k"]), (("a", np.nan), BadValue, ["finite"]), (("a", np.inf), BadValue, ["finite"]),
+        (("a", 1.0, -0.1), BadValue, ["ramp", "at least 0"]), (("a", 1.0, np.nan), BadValue, ["ramp"]),
+        (("a", "x"), BadValue, ["a"]),
+        (("a", None), BadValue, ["a"]),
+    ],
+)  # fmt: skip
+def test_settings_that_make_no_sense(target, args, error, words):
+    proc = make({"y": Param("a", 0.0) * Param("k", 1.0)}, target=target)
+    with pytest.raises(error) as e:
+        proc.set(*args)
+    assert all(w in str(e.value) for w in words)
+    assert isinstance(e.value, StimlibError)
+    assert proc.log == [] and proc.params == {"a": 0.0, "k": 1.0}
+
+
+def test_no_live_numbers_says_none():
+    with pytest.raises(KeyError, match="this scene has none"):
+        make().set("a", 1.0)
+
+
+# latency, response ---------------------------------------------------------------------------------------------------
+def test_latency_adds_along_paths():
+    noise = blocks.white_noise(1)
+    proc = make({"y": blocks.delay(x, 3) + blocks.delay(blocks.delay(x, 4), 5), "w": blocks.fir(noise, [1, 2, 1]), "k": z * 2.0})
+    assert proc.latency == {("y", "x"): (3, 9), ("w", "white(1, 0)"): (1, 1), ("k", "z"): (0, 0)}
+
+
+def test_latency_is_what_a_slow_signal_sees():
+    """The stated latency is the group delay at 0 Hz."""
+    for fs in (8000.0, 48000.0):
+        scene = Scene({"v": blocks.velocity(x), "d": blocks.differentiator(x, 1000.0), "l": blocks.first_order(x, 0.01)})
+        proc = stimlib.compile(scene, fs)
+        y = proc.process(np.arange(int(fs))[None] ** 2 / fs**2)[:, -1]
+        late = [proc.latency[n, "x"][0] / fs for n in ("v", "d")]
+        t = (int(fs) - 1) / fs
+        np.testing.assert_allclose(y[0], 2 * (t - late[0]), rtol=1e-9)
+        np.testing.assert_allclose(y[1], 2 * (t - late[1]), rtol=1e-5)
+        ramp = stimlib.compile(scene, fs).process(np.arange(int(fs))[None] / fs)[2, -1]
+        np.testing.assert_allclose(ramp, t - proc.latency["l", "x"][0] / fs, rtol=1e-9)
+
+
+def test_response_through_arithmetic():
+    a = Param("a", 3.0)
+    proc = make({"y": (2.0 * x - x / 4.0 + z) * (a + 1.0) - (-x)})
+    f = np.array([[0.0, 10.0], [100.0, 500.0]])
+    np.testing.assert_allclose(proc.response("y", "x", f), 8.0)
+    np.testing.assert_allclose(proc.response("y", "z", f), 4.0)
+    proc.set("a", 0.0)
+    np.testing.assert_allclose(proc.response("y", "x", f), 2.75)
+    assert proc.response("y", "x", 10.0).shape == ()
+
+
+def test_response_of_what_is_not_reached_is_zero():
+    proc = make({"y": x, "w": z})
+    np.testing.assert_array_equal(proc.response("y", "z", np.array([1.0])), 0.0)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        x * x, 1.0 / x, abs(x), x > 0.0, blocks.tanh(x), blocks.where(x, 1.0, 2.0), blocks.where(1.0 * z, x, 0.0),
+        blocks.lut(x, [0, 1], [1, 2]),
+        blocks.loading(x, 0.2, 0.1), x * z, x * blocks.enabled(blocks.white_noise(1), by=z), blocks.maximum(x, 0.0),
+        x + blocks.enabled(blocks.white_noise(1), by=x),
+    ],
+)  # fmt: skip
+def test_no_response_where_it_is_not_linear(block):
+    with pytest.raises(SceneError, match="not linear and time-invariant|own clock"):
+        make({"y": block}).response("y", "x", np.array([1.0]))
+
+
+def test_response_of_gated_noise():
+    with pytest.raises(SceneError, match="own clock"):
+        make({"y": blocks.enabled(blocks.white_noise(1), by=x)}).response("y", "white(1, 0)", np.array([1.0]))
+
+
+def test_response_asks_only_what_is_on_the_way():
+    proc = make({"y": 2.0 * x, "other": abs(x)})
+    np.testing.assert_array_equal(proc.response("y", "x", np.array([1.0])), 2.0)
+
+
+@pytest.mark.parametrize("names", [("q", "x"), ("y", "q"), ("x", "y")])
+def test_response_of_unknown_names(names):
+    with pytest.raises(UnknownName, match="there is"):
+        make().response(*names, np.array([1.0]))
+
+
+# plan, fault ---------------------------------------------------------------------------------------------------------
+def test_the_plan_tells_what_runs_and_what_does_not():
+    noise = blocks.enabled(blocks.pink_noise(1.0, 1, f_low=20.0), by=x > 0.0)
+    proc = make({"y": x * noise + 0.0 * blocks.white_noise(2)}, target="numba")
+    text = str(proc.plan)
+    assert "at 1000 Hz" in text and "enabled 1" in text and "PinkNoise" in text
+    assert "removed: White(2, 0, False): multiplied by a literal 0" in text
+    assert len(proc.plan.rows) == len(proc.program.instances)
+    assert any(r.segment.startswith("Modes_") for r in proc.plan.rows)
+    assert [r.number for r in proc.plan.rows] == list(range(len(proc.plan.rows)))
+
+
+@both
+def test_a_fault_names_output_and_sample(target):
+    proc = make({"good": z, "bad": 1.0 / x, "worse": 1.0 / (x - 1.0)}, target=target)
+    u = np.full((2, 30), 5.0)
+    row = proc.inputs.index("x")
+    u[row, 21], u[row, 11] = 0.0, 1.0
+    y = proc.process(u)
+    assert proc.fault == ("worse", 11)
+    assert np.isfinite(y).all()
+    assert_same(y[0], u[1 - row])
+    proc.reset()
+    assert proc.fault is None

@@ -1,0 +1,228 @@
+"""Scene files: what comes back is what was saved, and a file can do nothing but describe a scene."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from contract import TABLE
+from laws import assert_same, rows
+
+import stimlib
+from stimlib import Input, Param, Scene, blocks, load
+from stimlib.errors import SceneError, SceneFileError
+from stimlib.graph import Block, registry
+
+x = Input("x")
+
+
+@pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
+def test_a_file_gives_back_the_scene(entry, tmp_path):
+    scene = entry.scene()
+    scene.save(tmp_path / "scene.json")
+    again = load(tmp_path / "scene.json")
+    assert again.hash == scene.hash
+    assert repr(again) == repr(scene)
+    assert again.to_dict() == scene.to_dict()
+    fs = entry.rates[0]
+    procs = [stimlib.compile(s, fs) for s in (scene, again)]
+    u = rows(procs[0], entry.x(100, fs), entry.inputs)
+    assert procs[0].inputs == procs[1].inputs
+    assert_same(*(p.process(u) for p in procs))
+    assert_same(*(p.state for p in procs))
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scene.json").read_bytes()
+
+
+def test_numbers_come_back_to_the_last_bit(tmp_path):
+    taps = np.random.default_rng(0).standard_normal(50) * 10.0 ** np.arange(-25, 25)
+    scene = Scene({"y": blocks.fir(x, [*taps, 5e-324, -0.0, 1.7976931348623157e308])})
+    scene.save(tmp_path / "s.json")
+    (block,) = load(tmp_path / "s.json").outputs.values()
+    assert_same(block.taps, scene.outputs["y"].taps)
+
+
+def test_seeds_of_64_bits_come_back(tmp_path):
+    Scene({"y": blocks.white_noise(2**64 - 1)}).save(tmp_path / "s.json")
+    assert load(tmp_path / "s.json").outputs["y"].seed == 2**64 - 1
+
+
+def test_shared_parts_stay_shared(tmp_path):
+    noise = blocks.white_noise(1)
+    Scene({"y": noise + x, "z": noise * x}).save(tmp_path / "s.json")
+    again = load(tmp_path / "s.json")
+    assert again.outputs["y"].a is again.outputs["z"].a
+
+
+def test_a_callable_is_sampled_when_built(tmp_path):
+    Scene({"y": blocks.lut(x, [0.0, 1.0, 2.0], lambda k: k**2)}).save(tmp_path / "s.json")
+    np.testing.assert_array_equal(load(tmp_path / "s.json").outputs["y"].values, [0, 1, 4])
+
+
+def test_hash_tells_scenes_apart():
+    hashes = {
+        Scene({"y": b}).hash for b in (x, 2 * x, x * 2, -x, blocks.delay(x, 1), blocks.delay(x, 2), Param("x", 1.0), Input("z"))
+    }
+    assert len(hashes) == 8
+    assert Scene({"y": x}).hash == Scene({"y": Input("x")}).hash
+    assert Scene({"y": x, "z": 2 * x}).hash != Scene({"y": x, "w": 2 * x}).hash
+
+
+# Files that are not scenes -------------------------------------------------------------------------------------------
+@pytest.fixture
+def edited(tmp_path):
+    """Load a scene file after a change to its data."""
+
+    def change(f, scene=None):
+        data = (scene or Scene({"y": blocks.velocity(x, 30.0) * blocks.fir(x, [1.0, 2.0])})).to_dict()
+        path = tmp_path / "edited.json"
+        path.write_text(json.dumps(f(data) or data))
+        return load(path)
+
+    return change
+
+
+def first(data, name):
+    return next(b for b in data["blocks"] if b["class"] == name)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(stimlib_scene=99), ["99", "update"]),
+        (lambda d: d.update(stimlib_scene="1"), ["version"]),
+        (lambda d: first(d, "Velocity").update({"class": "Teleport"}), ["Teleport", "not known", "update"]),
+        (lambda d: first(d, "Velocity").update({"class": "lab.blocks.Mine"}), ["lab.blocks.Mine", "import lab.blocks"]),
+        (lambda d: first(d, "Velocity")["fields"].pop("cutoff"), ["Velocity", "cutoff"]),
+        (lambda d: first(d, "Velocity")["fields"].update(mass=3), ["Velocity", "mass"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x=99), ["99", "earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x=len(d["blocks"]) - 1), ["earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x=-1), ["earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x=True), ["earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x="x"), ["earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(x=None), ["earlier block"]),
+        (lambda d: first(d, "Velocity")["fields"].update(cutoff=-1.0), ["cutoff"]),
+        (lambda d: first(d, "Velocity")["fields"].update(cutoff="fast"), ["cutoff", "Velocity"]),
+        (lambda d: first(d, "Velocity")["fields"].update(cutoff={"a": 1}), ["cutoff", "Velocity"]),
+        (lambda d: first(d, "Velocity")["fields"].update(cutoff=None), ["Velocity"]),
+        (lambda d: first(d, "Velocity")["fields"].update(cutoff=[1.0]), ["Velocity"]),
+        (lambda d: first(d, "Taps")["fields"].update(taps=["a"]), ["Taps"]),
+        (lambda d: first(d, "Taps")["fields"].update(taps=5.0), ["taps"]),
+        (lambda d: first(d, "Taps")["fields"].update(taps=[[1], [2, 3]]), ["Taps"]),
+        (lambda d: first(d, "Taps")["fields"].update(gain_unit="mm"), ["Taps", "mm"]),
+        (lambda d: first(d, "Taps")["fields"].update(gain_unit=3), ["Taps"]),
+        (lambda d: first(d, "Input")["fields"].update(name=7), ["Input"]),
+        (lambda d: first(d, "Input")["fields"].update(name="__import__('os')"), ["Input"]),
+        (lambda d: d["blocks"].append(3), ["class and fields"]),
+        (lambda d: d["blocks"].append({"class": "Neg"}), ["class and fields"]),
+        (lambda d: d["blocks"].append({"class": "Block", "fields": {}}), ["Block"]),
+        (lambda d: d["blocks"].append({"class": "Map", "fields": {}}), ["Map"]),
+        (lambda d: d.update(outputs={"y": 99}), ["'y'", "99"]),
+        (lambda d: d.update(outputs=[1]), ["outputs"]),
+        (lambda d: d.update(blocks={}), ["blocks"]),
+        (lambda d: d.update(outputs={}), ["output"]),
+        (lambda d: [1, 2], ["not a stimlib scene"]),
+        (lambda d: {"a": 1}, ["not a stimlib scene"]),
+        (lambda d: 3, ["not a stimlib scene"]),
+    ],
+)  # fmt: skip
+def test_a_changed_file_is_an_error_that_says_where(edited, change, words):
+    def f(data):
+        new = change(data)
+        return new if isinstance(new, (list, dict, int)) and new in ([1, 2], {"a": 1}, 3) else None
+
+    with pytest.raises(SceneError) as e:
+        edited(f)
+    assert all(w in str(e.value) for w in words), e.value
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "nonsense", '{"stimlib_scene": 1, "blocks": [NaN]}', "\x00\x01", "[" * 100_000, "\ufeff{}"]
+)
+def test_a_file_that_is_not_json(tmp_path, text):
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    with pytest.raises(SceneFileError, match="bad.json"):
+        load(path)
+
+
+def test_a_file_of_bytes(tmp_path):
+    path = tmp_path / "bad.json"
+    path.write_bytes(b"\xff\xfe\x00{")
+    with pytest.raises(SceneFileError, match="bad.json"):
+        load(path)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_numbers_in_a_file_are_finite(tmp_path, number):
+    path = tmp_path / "s.json"
+    Scene({"y": 123456.0 * x}).save(path)
+    path.write_text(path.read_text().replace("123456.0", number))
+    with pytest.raises(SceneFileError, match="finite"):
+        load(path)
+
+
+def test_missing_and_unwritable(tmp_path):
+    with pytest.raises(SceneFileError, match="No such file"):
+        load(tmp_path / "missing.json")
+    with pytest.raises(SceneFileError, match="cannot read"):
+        load(tmp_path)
+    with pytest.raises(SceneFileError, match="No such file"):
+        Scene({"y": x}).save(tmp_path / "no" / "where.json")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(SceneFileError, match="cannot write"):
+        Scene({"y": x}).save(tmp_path / "folder")
+    assert [p.name for p in tmp_path.iterdir()] == ["folder"], "no half file is left"
+
+
+def test_a_save_replaces_the_whole_file(tmp_path):
+    path = tmp_path / "s.json"
+    path.write_text("old" * 100_000)
+    Scene({"y": x}).save(path)
+    assert load(path).hash == Scene({"y": x}).hash
+    assert [p.name for p in tmp_path.iterdir()] == ["s.json"]
+
+
+# Blocks of users, and nothing that runs ---------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Doubled(Block):
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return x + x, s
+
+
+def test_a_user_block_loads_where_it_is_imported(tmp_path):
+    scene = Scene({"y": Doubled(x)})
+    scene.save(tmp_path / "s.json")
+    again = load(tmp_path / "s.json")
+    assert isinstance(again.outputs["y"], Doubled)
+    name = f"{__name__}.Doubled"
+    kept = registry.pop(name)
+    try:
+        with pytest.raises(SceneFileError, match="import .* first"):
+            load(tmp_path / "s.json")
+    finally:
+        registry[name] = kept
+
+
+def test_loading_executes_nothing(edited, tmp_path):
+    """Names of functions, modules and methods in the place of classes and fields stay text."""
+    mark = tmp_path / "mark"
+    code = f"__import__('pathlib').Path({str(mark)!r}).touch()"
+    for name in ("os.system", "builtins.eval", "eval", "subprocess.Popen", "stimlib.graph.Mul", "__main__.x", code):
+        with pytest.raises(SceneFileError):
+            edited(lambda d, name=name: first(d, "Velocity").update({"class": name}))
+        with pytest.raises(SceneFileError):
+            edited(lambda d, name=name: first(d, "Taps")["fields"].update(gain_unit=name))
+    assert not mark.exists()
+    assert "antigravity" not in __import__("sys").modules
+    with pytest.raises(SceneFileError):
+        edited(lambda d: first(d, "Velocity").update({"class": "antigravity.Block"}))
+    assert "antigravity" not in __import__("sys").modules
+
+
+def test_a_law_travels_with_the_scene(tmp_path):
+    stimlib.scenes.squeeze(fingers=1).save(tmp_path / "s.json")
+    assert load(tmp_path / "s.json").law == "squeeze"

@@ -1,0 +1,281 @@
+"""What a step may say: every remedy is named with file and line; every step that stimlib ships passes."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from contract import ours
+from laws import assert_same
+
+import stimlib
+from stimlib import Input, Scene, maths, steps
+from stimlib.errors import SceneError
+from stimlib.graph import Block
+from stimlib.maths import fma, sin, where
+
+x = Input("x")
+LIMIT = 4.0
+EXPONENTS = (1, 2)
+TABLE = np.ones(3)
+
+
+class State(NamedTuple):
+    y: float
+
+
+class Numbers(NamedTuple):
+    table: np.ndarray
+    seed: np.uint64
+    gain: float
+
+
+class Memory(NamedTuple):
+    line: np.ndarray
+    n: np.uint64
+    y: float
+
+
+def twice(v):
+    return 2.0 * v
+
+
+def clipped(v):
+    return where(v > LIMIT, LIMIT, twice(v) * 0.5)
+
+
+def recovers(v):
+    return recovers(v)
+
+
+def powered(v):
+    return v**2
+
+
+def refused(step, *words, target="numba"):
+    """Compiling a block with this step is a SceneError that has these words, and the place of the line marked # here."""
+    cls = dataclass(frozen=True, eq=False)(
+        type("Mine", (Block,), {"__annotations__": {"x": Block}, "step": staticmethod(step), "__module__": __name__})
+    )
+    with pytest.raises(SceneError) as e:
+        stimlib.compile(Scene({"y": cls(x)}), 1000, target)
+    message = str(e.value)
+    for word in words:
+        assert word in message, message
+    return message
+
+
+def line_of(marker):
+    lines = Path(__file__).read_text().splitlines()
+    return next(k for k, line in enumerate(lines, 1) if line.endswith(f"# {marker}"))
+
+
+def test_if_is_refused():
+    def step(p, s, x):
+        if x > 0.0:  # here: if
+            x = 0.0
+        return x, s
+
+    refused(step, f"{__file__}:{line_of('here: if')}", "where(c, a, b)", "step")
+
+
+def test_conditional_expression_is_refused():
+    def step(p, s, x):
+        y = x
+        return (y if y > 0.0 else 0.0), s  # here: ifexp
+
+    refused(step, f":{line_of('here: ifexp')}", "where(c, a, b)")
+
+
+def test_power_is_refused():
+    def step(p, s, x):
+        return x**2, s  # here: pow
+
+    refused(step, f":{line_of('here: pow')}", "**", "multiply")
+
+
+@pytest.mark.parametrize("word", ["and", "or", "not", "while"])
+def test_words_that_choose_at_run_time_are_refused(word):
+    def both(p, s, x):
+        return (x > 0.0) and (x < 1.0), s
+
+    def either(p, s, x):
+        return (x > 0.0) or (x < 1.0), s
+
+    def no(p, s, x):
+        return not x, s
+
+    def loop(p, s, x):
+        while x > 0.0:
+            x = x - 1.0
+        return x, s
+
+    refused(
+        {"and": both, "or": either, "not": no, "while": loop}[word], f"`{word}`" if word in ("while", "not") else "`and`/`or`"
+    )
+
+
+def test_other_loops_are_refused():
+    def step(p, s, x):
+        for k in EXPONENTS:
+            x = x * k
+        return x, s
+
+    refused(step, "for i in range(..)")
+
+
+def test_numpy_functions_are_refused():
+    def step(p, s, x):
+        return np.sin(x), s  # here: numpy
+
+    refused(step, f":{line_of('here: numpy')}", "np.sin", "stimlib.maths")
+
+
+def test_builtin_functions_are_refused():
+    def step(p, s, x):
+        return round(x), s
+
+    refused(step, "'round'", "stimlib.maths")
+
+
+def test_unknown_names_are_refused():
+    def step(p, s, x):
+        return x * nowhere, s  # noqa: F821
+
+    refused(step, "'nowhere'", "not defined")
+
+
+def test_closures_are_refused():
+    gain = 3.0
+
+    def step(p, s, x):
+        return gain * x, s
+
+    refused(step, "closes over gain", "design(fs)")
+
+
+def test_lambdas_are_refused():
+    refused(lambda p, s, x: (x, s), "def")
+
+
+def test_arrays_of_the_module_are_refused():
+    def step(p, s, x):
+        return x * TABLE[0], s
+
+    refused(step, "'TABLE'", "design(fs)")
+
+
+def test_comprehensions_try_and_with_are_refused():
+    def comprehension(p, s, x):
+        return [x for _ in range(3)][0], s
+
+    def attempt(p, s, x):
+        try:
+            return x, s
+        finally:
+            pass
+
+    def inner(p, s, x):
+        f = lambda v: v  # noqa: E731
+        return f(x), s
+
+    for step in (comprehension, attempt, inner):
+        refused(step, "straight-line")
+
+
+def test_a_helper_is_held_to_the_same_rules():
+    def step(p, s, x):
+        return powered(x), s
+
+    refused(step, "powered", "**", f":{Path(__file__).read_text().splitlines().index('    return v**2') + 1}")
+
+
+def test_a_helper_that_calls_itself_is_refused():
+    def step(p, s, x):
+        return recovers(x), s
+
+    refused(step)
+
+
+def test_methods_are_refused():
+    def step(p, s, x):
+        return x.item(), s
+
+    refused(step, "x.item")
+
+
+def test_a_step_of_the_wrong_shape_says_which_class():
+    def step(p, s, x):
+        return x
+
+    refused(step, "Mine")
+
+
+@dataclass(frozen=True, eq=False)
+class Everything(Block):
+    """All that a step may use."""
+
+    x: Block
+
+    def design(self, fs):
+        return Numbers(np.array([0.5, 0.25, 2.0]), np.uint64(2**63 + 5), 0.9), Memory(np.zeros(5), np.uint64(3), 0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        i = np.int64(s.n % np.uint64(s.line.size))
+        old = s.line[i]
+        s.line[i] = x
+        total = 0.0
+        for k in range(p.table.size):
+            total += p.table[k] * old
+        y = maths.flush(fma(p.gain, s.y, total)) + sin(x) + clipped(abs(-x)) + (x != x)
+        n = ((s.n + p.seed) >> np.uint64(1)) ^ np.uint64(12345)
+        y = where((n & np.uint64(1)) == np.uint64(0), y, maths.unbits(maths.bits(y)) * LIMIT)
+        a, (c, d) = y, (1.0, 2.0)
+        return a + c - d / 4.0 + maths.as_float(n) * 1e-25, Memory(s.line, s.n + np.uint64(1), maths.tanh(y))
+
+
+def test_what_a_step_may_use_has_the_same_bits_everywhere():
+    scene = Scene({"y": Everything(x)})
+    u = np.random.default_rng(0).standard_normal((1, 200))
+    procs = [stimlib.compile(scene, 1000, t) for t in ("numba", "python")]
+    assert_same(*(p.process(u) for p in procs))
+    assert_same(*(p.state for p in procs))
+
+
+def test_every_step_and_tile_we_ship_is_straight_line():
+    written = {(f, f is c.tile) for c in ours().values() for f in (c.step, c.tile) if f is not None}
+    assert len(written) > 20
+    for f, tile in written:
+        steps.check(f, tile)
+    for c in ours().values():
+        assert c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled"), c
+
+
+def test_blocks_import_no_target_and_no_plotting_at_module_level():
+    for path in Path(stimlib.__file__).parent.glob("blocks/*.py"):
+        for line in path.read_text().splitlines():
+            assert not re.match(r"(import|from) (numba|jax|scipy|soundfile|matplotlib|pint)\b", line), f"{path}: {line}"
+
+
+def test_a_step_changed_in_place_is_compiled_again():
+    """As a notebook does when a cell runs again."""
+
+    @dataclass(frozen=True, eq=False)
+    class Changed(Block):
+        x: Block
+
+        @staticmethod
+        def step(p, s, x):
+            return x + 1.0, s
+
+    def other(p, s, x):
+        return x + 2.0, s
+
+    u = np.zeros((1, 1))
+    assert stimlib.compile(Scene({"y": Changed(x)}), 1000).process(u) == 1.0
+    Changed.step = staticmethod(other)
+    for target in ("numba", "python"):
+        assert stimlib.compile(Scene({"y": Changed(x)}), 1000, target).process(u) == 2.0
