@@ -2,7 +2,19 @@
 
 from math import pi
 
-from ..blocks import constant, differentiator, enabled, loading, nonzero, pink_noise, spring, velocity
+from ..blocks import (
+    constant,
+    differentiator,
+    enabled,
+    force_limit,
+    loading,
+    motor_current,
+    nonzero,
+    pink_noise,
+    spring,
+    static_limit,
+    velocity,
+)
 from ..graph import Input, Param
 from ..scene import Scene
 
@@ -19,6 +31,8 @@ def squeeze(
     cutoff: float = 100.0,
     resolution: float = 1e-6,
     contact: bool = False,
+    limits: bool = False,
+    motor_constant: float | None = None,
 ) -> Scene:
     """Forces of a squeezed object: a spring, and vibration while it is being loaded.
 
@@ -48,6 +62,10 @@ def squeeze(
         Encoder step in m, for the loading gate.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+    limits : bool
+        Hold the force to what the paper's motors bear: 100 N peak, 37 N static.  Off: a grip of 90 N is normal input.
+    motor_constant : float, optional
+        n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the geometry factor is a placeholder).
 
     Returns
     -------
@@ -73,5 +91,9 @@ def squeeze(
         p = pink_noise(1 / pi, seed, stream=i, f_low=f_low, tol_db=tol_db)
         dp = differentiator(p, passband=passband, stopband=passband + 500.0)
         noise = enabled(dp, by=loading(v, resolution=resolution) * nonzero(A_ * level_))
-        outputs[f"force{i}"] = spring(x, k_) + (A_ * level_) * (k_ * tau * v) * (tau * noise)
-    return Scene(outputs, law="squeeze")
+        force = spring(x, k_) + (A_ * level_) * (k_ * tau * v) * (tau * noise)
+        force = static_limit(force_limit(force)) if limits else force
+        outputs[f"force{i}"] = force
+        if motor_constant is not None:
+            outputs[f"current{i}"] = motor_current(force, x, motor_constant)
+    return Scene(outputs, law=None if limits else "squeeze")

@@ -1,0 +1,236 @@
+"""Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in between."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..errors import BadValue
+from ..graph import Block, as_block, positive
+from ..maths import TINY, flush, fma, where
+from .fir import RATE
+
+
+class TrackParams(NamedTuple):
+    q: float  # w/fs
+    g: float  # 1 - exp(-q)
+    fs: float
+    max_jump: float
+
+
+class TrackState(NamedTuple):
+    y: float  # position
+    v: float  # movement of y in the last sample
+    e: float  # x - y
+    h: float  # velocity of the filter, per sample
+    last: float  # x
+    cold: float  # 1: starts at the next x in contact
+
+
+def follow(p, s, x, contact):
+    """The tracker after x has been held for one sample."""
+    d = x - s.last
+    fresh = where(s.cold > 0.0, 1.0, where(abs(d) > p.max_jump, 1.0, 0.0))
+    e = where(fresh > 0.0, 0.0, s.e + (d + TINY))
+    h = where(fresh > 0.0, 0.0, s.h)
+    u = fma(p.q, e, -h)
+    a, b = e + u, fma(p.q, u, h)
+    after, move = fma(-p.g, a, a), fma(p.g, a, -u)
+    return TrackState(
+        where(contact > 0.0, flush(x - after), s.y),
+        where(contact > 0.0, flush(move), 0.0),
+        where(contact > 0.0, after, 0.0),
+        where(contact > 0.0, fma(-p.g, b, b), 0.0),
+        where(contact > 0.0, x, s.last),
+        where(contact > 0.0, 0.0, 1.0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Tracker(Block, abstract=True):
+    """H(s) = w^2/(s + w)^2 of an input held between samples, in terms of e = x - y and h = v/fs.
+
+    With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this sample:
+
+    u = q e - h;  e -> (1 - g)(e + u);  h -> (1 - g)(h + q u);  y = x - e.
+
+    These are the exact solutions of y'' = w^2 (x - y) - 2 w y' at the end of the sample.  Only differences of x enter e
+    and h, so nothing of a held position is left in them, however small q is.
+    """
+
+    x: Block
+    contact: Block
+    bandwidth: float
+    max_jump: float | None
+
+    def check(self):
+        positive(self, "bandwidth")
+        if self.max_jump is not None:
+            positive(self, "max_jump")
+
+    def design(self, fs):
+        if self.bandwidth >= fs / 2:
+            raise BadValue(f"track: bandwidth = {self.bandwidth:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
+        q = 2 * math.pi * self.bandwidth / fs
+        jump = math.inf if self.max_jump is None else float(self.max_jump)
+        return TrackParams(q, -math.expm1(-q), fs, jump), TrackState(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def response(p, z):
+    """H of the position: (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2."""
+    c = p.q - p.g
+    return (p.q * p.g - c + (1 - p.g) * c / z) / ((1 - 1 / z) + p.g / z) ** 2
+
+
+def lag(p):
+    """Group delay of the position at 0 Hz in samples: 2/q - 1/2, and terms of the order of q."""
+    return (1 - p.g) * (2 + (p.q - p.g) / p.g) / p.g
+
+
+@dataclass(frozen=True, eq=False)
+class Track(Tracker):
+    """Position of the tracker."""
+
+    @staticmethod
+    def step(p, s, x, contact):
+        after = follow(p, s, x, contact)
+        return after.y, after
+
+    @staticmethod
+    def transfer(p, z):
+        return response(p, z)
+
+    def delay(self, p):
+        return lag(p)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackVelocity(Tracker):
+    """Velocity of the tracker, the movement of its position in this sample times fs."""
+
+    def units(self, *u):
+        return u[0] * RATE
+
+    @staticmethod
+    def step(p, s, x, contact):
+        after = follow(p, s, x, contact)
+        return after.v * p.fs, after
+
+    @staticmethod
+    def transfer(p, z):
+        return p.fs * (1 - 1 / z) * response(p, z)
+
+    def delay(self, p):
+        return lag(p) + 0.5  # of the difference
+
+
+def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
+    """Position that follows slow, jittered reports smoothly and causally.
+
+    A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth, discretised exactly for an input that is
+    held between samples: y[n] is what the continuous filter reaches after x[n] has been held for one sample.  The gain at
+    0 Hz is exactly 1 and a step does not overshoot.
+
+    Parameters
+    ----------
+    x : Block
+        Position, usually in m, held between reports.
+    bandwidth : float
+        Frequency of both poles in Hz; the gain there is 1/2.  Latency 2/w = 1/(pi bandwidth) seconds (less half a
+        sample): 16 ms at 20 Hz.  Regular reports at r Hz leave a ripple of at most 3.3 (bandwidth/r)^2 of the velocity: 7 %
+        for 70 Hz and 10 Hz, 8 % for 125 Hz and 20 Hz.
+    contact : Block
+        Where it is not above 0 the output holds its value (0 before the first contact) and x is not looked at.  At
+        re-contact the tracker starts at the new position with velocity 0, so the way between invents no movement.
+    max_jump : float, optional
+        In the unit of x.  A change of x from one sample to the next that is larger restarts the tracker there with velocity
+        0: a fault of the device invents no movement either.  As reports are held, a whole report's movement arrives in
+        one sample: choose the highest speed times the longest normal gap.  The default 0.05 is 1 m/s for 50 ms.  None:
+        never.
+
+    Returns
+    -------
+    Block
+        In the unit of x.
+
+    Raises
+    ------
+    BadValue
+        bandwidth or max_jump not above 0; at compile time, bandwidth not below fs/2.
+
+    See Also
+    --------
+    track_velocity : the rate of the same tracker.
+
+    Notes
+    -----
+    Starts at the first value of x, at rest.  It is linear and time-invariant as long as contact lasts and no jump occurs;
+    ``Processor.response`` describes that case.
+
+    References
+    ----------
+    Paper 003, chapter 3, eq. (17): bumps are tied to the finger's position, which an infrared frame acquires.  The filter is
+    our own choice, the papers give none.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks.tracking import track
+    >>> proc = stimlib.compile(stimlib.Scene({"y": track(stimlib.Input("x", "m"), bandwidth=20.0)}), fs=8000)
+    >>> t = np.arange(8000) / 8000
+    >>> reports = 0.1 * np.floor(t * 100) / 100  # 0.1 m/s, a report every 10 ms
+    >>> y = proc.process(reports[None])[0]
+    >>> bool(np.abs(np.diff(y)).max() * 8000 < 0.12)  # the reports themselves jump by 8 m/s
+    True
+    >>> round(proc.latency["y", "x"][0] / 8000, 4)
+    0.0159
+    """
+    return Track(x, as_block(contact), bandwidth, max_jump)
+
+
+def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
+    """Rate of change of ``track`` with the same arguments.
+
+    v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the tracked position, so a stimulus that
+    takes position and rate from one tracker sees one movement.
+
+    Parameters
+    ----------
+    x : Block
+        Position, held between reports.
+    bandwidth : float
+        Of both poles, in Hz.  Latency 2/w = 1/(pi bandwidth) seconds: 16 ms at 20 Hz.
+    contact : Block
+        Where it is not above 0 the velocity is 0; at re-contact it starts from 0.
+    max_jump : float, optional
+        A larger change of x in one sample restarts the tracker; the velocity is 0 at that sample.
+
+    Returns
+    -------
+    Block
+        In the unit of x per second.
+
+    Raises
+    ------
+    BadValue
+        bandwidth or max_jump not above 0; at compile time, bandwidth not below fs/2.
+
+    See Also
+    --------
+    track : position, with the meaning of each argument.
+    stimlib.blocks.velocity : for positions sampled at the full rate.
+
+    References
+    ----------
+    Paper 000, section 1.1: the compression rate v.  The filter is our own choice.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks.tracking import track_velocity
+    >>> proc = stimlib.compile(stimlib.Scene({"v": track_velocity(stimlib.Input("x", "m"))}), fs=8000)
+    >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(9)
+    np.float64(0.1)
+    """
+    return TrackVelocity(x, as_block(contact), bandwidth, max_jump)

@@ -1,0 +1,216 @@
+"""The physical cues of an interaction: what a participant could have gone by, from recorded displacement and force."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import BadValue
+
+SHORTEST = 8  # samples
+PERIODS = 2  # of the dominant component
+
+
+class Cues(NamedTuple):
+    """Physical interaction parameters, in the order of the paper's two lists; see ``cues``."""
+
+    frequency: float  # Hz, of the dominant component of y
+    k_S: float  # N/m
+    k_L: float  # N/m
+    loss_factor: float  # k_L/k_S
+    eta_as_printed: float  # k_S/k_L
+    b_L: float  # N s/m
+    phi: float  # rad
+    W: float  # J
+    f_max: float  # N
+    f_mean: float  # N
+    y_max: float  # m
+    y_mean: float  # m
+    v_max: float  # m/s
+    v_mean: float  # m/s
+    k_I: float  # N/m
+    k_fit: float  # N/m
+    b_fit: float  # N s/m
+
+
+def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1) -> Cues:
+    """Physical interaction cues from a recording.
+
+    Parameters
+    ----------
+    y : array_like, shape (n,)
+        Displacement in m, compression positive, 0 at the surface of the object.
+    f : array_like, shape (n,)
+        Force in N, of the sign that makes a spring's positive where y is.
+    fs : float
+        Sample rate in Hz.
+    v : array_like, shape (n,), optional
+        Velocity in m/s.  Default: central differences of y; a displacement with steps or noise should be smoothed before,
+        or its velocity given here.
+    prominence : float
+        A maximum counts as a peak when it rises above its surroundings by this part of its signal's range.
+
+    Returns
+    -------
+    Cues
+        Of the component of y and f at the frequency of the most dominant component of y, its phase referred to y:
+
+        - ``frequency``: of that component, in Hz
+        - ``k_S``, ``k_L``: real (storage) and imaginary (loss) part of the complex stiffness f/y, N/m
+        - ``loss_factor``: k_L/k_S, the usual definition; ``eta_as_printed``: k_S/k_L, as the paper prints it
+        - ``b_L``: imaginary part of the force over the magnitude of the velocity, k_L/w, N s/m.  The paper calls it the
+          imaginary part of the mechanical impedance; that has displacement as the reference of phase.  In the usual
+          convention f/v it is the real part
+        - ``phi``: phase by which force leads displacement, rad
+
+        Of the record:
+
+        - ``W``: positive part of the work done by the participant, the integral of max(f v, 0), J
+        - ``f_max``, ``f_mean``: largest and mean of the force peaks, N; ``y_max``, ``y_mean``, m, and ``v_max``,
+          ``v_mean``, m/s, in the same way.  Peaks are maxima; nan where there is none
+        - ``k_I``: first force peak over the displacement at that sample, N/m
+        - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over displacement (N/m), over velocity (N s/m)
+
+    Raises
+    ------
+    BadValue
+        Records of unequal length, not one-dimensional, not finite, of fewer than 8 samples; no movement; fewer than two
+        periods of the dominant component; fs not above 0; prominence not in 0 .. 1.
+
+    Notes
+    -----
+    A record rarely holds a whole number of periods, and the bins of a DFT would then leak.  The largest bin only starts
+    the search: the frequency is that of the sinusoid plus constant which fits y best, and the amplitudes of y and f are
+    those of the best fit at that frequency, both by least squares under a Hann window.  This is exact, to rounding, for a
+    sinusoid plus constant of any length from two periods on; other components are suppressed as by that window.
+
+    References
+    ----------
+    Paper 001, section 3.8.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.cues import cues
+    >>> t = np.arange(5432) / 1000
+    >>> y = 0.01 + 0.01 * np.sin(2 * np.pi * t)
+    >>> f = 300 * y + 5 * 0.01 * 2 * np.pi * np.cos(2 * np.pi * t)  # a spring and a damper
+    >>> c = cues(y, f, fs=1000)
+    >>> round(c.k_S, 6), round(c.b_L, 6), round(c.loss_factor, 6)
+    (300.0, 5.0, 0.10472)
+    """
+    fs = float(fs)
+    if not (math.isfinite(fs) and fs > 0):
+        raise BadValue(f"cues: fs = {fs} Hz must be a finite number above 0")
+    if not 0 < prominence <= 1:
+        raise BadValue(f"cues: prominence = {prominence!r} must be above 0 and at most 1")
+    pos, force = _record("y", y), _record("f", f)
+    rate = _record("v", v) if v is not None else np.gradient(pos, 1 / fs)
+    for name, a in (("f", force), ("v", rate)):
+        if a.size != pos.size:
+            raise BadValue(f"cues: y has {pos.size} samples and {name} has {a.size}")
+    if np.ptp(pos) <= 1e-12 * np.abs(pos).max():
+        raise BadValue("cues: y does not move")
+    w = _frequency(pos, fs)
+    periods = w * pos.size / (2 * math.pi * fs)
+    if periods < PERIODS * (1 - 1e-6):
+        raise BadValue(
+            f"cues: the record holds {periods:.2f} periods of its dominant component, {w / (2 * math.pi):.3g} Hz; "
+            f"at least {PERIODS} are needed"
+        )
+    Y, F = _amplitudes(np.array([pos, force]), w / fs)
+    k = complex(F / Y)
+    peaks = [_peaks(a, prominence) for a in (force, pos, rate)]
+    (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = (
+        (float(a[p].max()), float(a[p].mean())) if p.size else (math.nan, math.nan)
+        for a, p in zip((force, pos, rate), peaks, strict=True)
+    )
+    first = peaks[0][:1]
+    return Cues(
+        frequency=w / (2 * math.pi),
+        k_S=k.real,
+        k_L=k.imag,
+        loss_factor=_over(k.imag, k.real),
+        eta_as_printed=_over(k.real, k.imag),
+        b_L=k.imag / w,
+        phi=math.atan2(k.imag, k.real),
+        W=float(np.trapezoid(np.maximum(force * rate, 0.0)) / fs),
+        f_max=f_max,
+        f_mean=f_mean,
+        y_max=y_max,
+        y_mean=y_mean,
+        v_max=v_max,
+        v_mean=v_mean,
+        k_I=_over(force[first[0]], pos[first[0]]) if first.size else math.nan,
+        k_fit=_over(force @ pos, pos @ pos),
+        b_fit=_over(force @ rate, rate @ rate),
+    )
+
+
+def _record(name: str, a: ArrayLike) -> np.ndarray:
+    a = np.asarray(a, np.float64)
+    if a.ndim != 1:
+        raise BadValue(f"cues: {name} must be one row of samples, got shape {a.shape}")
+    if a.size < SHORTEST:
+        raise BadValue(f"cues: {name} has {a.size} samples, at least {SHORTEST} are needed")
+    if not np.isfinite(a).all():
+        raise BadValue(f"cues: {name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
+    return a
+
+
+def _over(a: float, b: float) -> float:
+    """a/b, inf or nan where b is 0."""
+    with np.errstate(all="ignore"):
+        return float(np.float64(a) / np.float64(b))
+
+
+def _window(n: int) -> np.ndarray:
+    """Hann, nowhere 0."""
+    return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+
+
+def _waves(n: int, angle: float) -> np.ndarray:
+    """cos, sin and 1 at so many rad per sample, from the middle of the record, under the root of the window."""
+    phase = angle * (np.arange(n) - (n - 1) / 2)
+    return np.stack([np.cos(phase), np.sin(phase), np.ones(n)], axis=1) * np.sqrt(_window(n))[:, None]
+
+
+def _amplitudes(rows: np.ndarray, angle: float) -> np.ndarray:
+    """Complex amplitudes A of the best fits Re(A exp(i phase)) + constant."""
+    n = rows.shape[1]
+    c = np.linalg.lstsq(_waves(n, angle), (rows * np.sqrt(_window(n))).T, rcond=None)[0]
+    return c[0] - 1j * c[1]
+
+
+def _frequency(y: np.ndarray, fs: float) -> float:
+    """w in rad/s of the sinusoid plus constant that fits best, by Gauss and Newton from the largest bin of a DFT."""
+    n = y.size
+    window = _window(n)
+    z = (y - np.sum(window * y) / np.sum(window)) / np.ptp(y)
+    size = 8 << (n - 1).bit_length()
+    heights = np.abs(np.fft.rfft(window * z, size))
+    lowest = -(-size // n)  # one period
+    start = 2 * np.pi * (lowest + int(np.argmax(heights[lowest:]))) / size
+    bin_, angle = 2 * np.pi / n, start
+    target = z * np.sqrt(window)
+    sample = np.arange(n) - (n - 1) / 2
+    for _ in range(50):
+        waves = _waves(n, angle)
+        a, b, _ = np.linalg.lstsq(waves, target, rcond=None)[0]
+        slope = (b * waves[:, 0] - a * waves[:, 1]) * sample * bin_
+        step = np.linalg.lstsq(np.column_stack([waves, slope]), target, rcond=None)[0][3]
+        before, angle = angle, float(np.clip(angle + step * bin_, start - 0.5 * bin_, start + 0.5 * bin_))
+        if abs(angle - before) <= 1e-13 * bin_:
+            break
+    return angle * fs
+
+
+def _peaks(a: np.ndarray, prominence: float) -> np.ndarray:
+    """Indices of the maxima that count."""
+    from scipy.signal import find_peaks
+
+    span = np.ptp(a)
+    return find_peaks(a, prominence=prominence * span)[0] if span > 0 else np.zeros(0, int)

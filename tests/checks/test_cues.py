@@ -1,0 +1,191 @@
+"""Cues of movements whose cues are known in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stimlib.checks.cues import cues
+from stimlib.errors import BadValue
+
+A = 0.01  # m
+
+
+def movement(w, n, fs, phase=0.0, offset=0.0):
+    t = np.arange(n) / fs
+    return offset + A * np.sin(w * t + phase), A * w * np.cos(w * t + phase)
+
+
+def springpot(w, n, fs, chi, alpha, phase=0.0):
+    """Steady answer of chi D^alpha to A sin(w t + phase)."""
+    return chi * w**alpha * A * np.sin(w * np.arange(n) / fs + phase + alpha * np.pi / 2)
+
+
+# Frequency domain ----------------------------------------------------------------------------------------------------
+@given(
+    alpha=st.floats(0.0, 1.0),
+    periods=st.floats(2.0, 40.0),
+    phase=st.floats(-math.pi, math.pi),
+    n=st.integers(300, 3000),
+    offset=st.floats(-0.1, 0.1),
+    push=st.floats(-20, 20),
+)
+def test_springpot_of_any_length(alpha, periods, phase, n, offset, push):
+    fs, chi = 1000.0, 120.0
+    w = 2 * np.pi * periods * fs / n
+    y, _ = movement(w, n, fs, phase, offset)
+    f = springpot(w, n, fs, chi, alpha, phase) + push
+    c = cues(y, f, fs)
+    size = chi * w**alpha
+    assert c.frequency == pytest.approx(w / (2 * np.pi), rel=1e-9)
+    assert c.k_S == pytest.approx(size * np.cos(alpha * np.pi / 2), abs=1e-7 * size)
+    assert c.k_L == pytest.approx(size * np.sin(alpha * np.pi / 2), abs=1e-7 * size)
+    assert c.b_L == pytest.approx(size / w * np.sin(alpha * np.pi / 2), abs=1e-7 * size / w)
+    assert c.phi == pytest.approx(alpha * np.pi / 2, abs=1e-7)
+
+
+def test_both_ratios():
+    n, fs = 5000, 1000.0
+    w = 2 * np.pi * 1.3
+    y, _ = movement(w, n, fs)
+    c = cues(y, springpot(w, n, fs, 100.0, 0.25), fs)
+    assert c.loss_factor == pytest.approx(np.tan(np.pi / 8), rel=1e-9)
+    assert c.eta_as_printed == pytest.approx(1 / np.tan(np.pi / 8), rel=1e-9)
+
+
+def test_kelvin_voigt():
+    n, fs, k, b = 4321, 1000.0, 250.0, 3.0
+    w = 2 * np.pi * 0.9
+    y, v = movement(w, n, fs, 0.7, 0.02)
+    c = cues(y, k * y + b * v, fs)
+    assert (c.k_S, c.k_L, c.b_L) == pytest.approx((k, w * b, b), rel=1e-9)
+
+
+def test_a_spring_loses_nothing():
+    y, _ = movement(2 * np.pi, 4000, 1000.0)
+    c = cues(y, 300 * y, 1000.0)
+    assert c.k_S == pytest.approx(300, rel=1e-12) and abs(c.phi) < 1e-12 and abs(c.loss_factor) < 1e-12
+
+
+def test_no_force_is_no_error():
+    y, _ = movement(2 * np.pi, 4000, 1000.0)
+    c = cues(y, np.zeros(4000), 1000.0)
+    assert c.k_S == c.k_L == c.b_L == c.W == c.k_fit == c.b_fit == 0.0
+    assert math.isnan(c.loss_factor) and math.isnan(c.f_max) and math.isnan(c.f_mean) and math.isnan(c.k_I)
+
+
+def test_other_components_hardly_leak():
+    """A harmonic and noise beside the dominant component, not a whole number of periods."""
+    n, fs = 10_437, 1000.0
+    w = 2 * np.pi
+    t = np.arange(n) / fs
+    y, v = movement(w, n, fs)
+    y += 0.1 * A * np.sin(3 * w * t + 1) + 1e-5 * np.random.default_rng(1).standard_normal(n)
+    f = 300 * movement(w, n, fs)[0] + 4 * v + 900 * 0.1 * A * np.sin(3 * w * t + 1)
+    c = cues(y, f, fs)
+    assert c.k_S == pytest.approx(300, rel=1e-3) and c.b_L == pytest.approx(4, rel=1e-2)
+    assert c.frequency == pytest.approx(1.0, rel=1e-4)
+
+
+def test_time_and_place_do_not_matter():
+    """Shifted, scaled and resampled records have the cues that follow."""
+    w = 2 * np.pi * 1.7
+    one = cues(movement(w, 3000, 1000.0)[0], springpot(w, 3000, 1000.0, 50.0, 0.5), 1000.0)
+    two = cues(3 * movement(w, 24_000, 8000.0, 2.0, 0.5)[0], 3 * springpot(w, 24_000, 8000.0, 50.0, 0.5, 2.0), 8000.0)
+    for name in ("frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"):
+        assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
+
+
+# Time domain ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("alpha", [0.0, 0.25, 0.5, 1.0])
+def test_work_over_whole_periods(alpha):
+    """W = A^2 |k| ((pi/2 + phi) sin phi + cos phi) per period: the area of the positive part of f v."""
+    fs, n, chi = 8000.0, 24_000, 80.0
+    w = 2 * np.pi
+    y, v = movement(w, n, fs, 0.3)
+    f = springpot(w, n, fs, chi, alpha, 0.3)
+    phi, size = alpha * np.pi / 2, chi * w**alpha
+    wanted = 3 * A**2 * size * ((np.pi / 2 + phi) * np.sin(phi) + np.cos(phi))
+    assert cues(y, f, fs).W == pytest.approx(wanted, rel=1e-3)  # the record ends one sample short of three periods
+    assert cues(y, f, fs, v=v).W == pytest.approx(wanted, rel=1e-3)
+    y, v = movement(w, n + 1, fs, 0.3)
+    assert cues(y, springpot(w, n + 1, fs, chi, alpha, 0.3), fs, v=v).W == pytest.approx(wanted, rel=1e-6)
+
+
+def test_slopes_over_whole_periods_are_storage_and_loss():
+    fs, n = 1000.0, 5000
+    w = 2 * np.pi
+    y, v = movement(w, n, fs)
+    f = springpot(w, n, fs, 100.0, 0.5)
+    c = cues(y, f, fs, v=v)
+    assert c.k_fit == pytest.approx(c.k_S, rel=1e-9)
+    assert c.b_fit == pytest.approx(c.b_L, rel=1e-9)
+    assert cues(y, f, fs).b_fit == pytest.approx(c.b_L, rel=1e-4)
+
+
+def test_peaks():
+    """Three presses of different depth on a spring; the small bump in between is no peak."""
+    fs = 1000.0
+    t = np.arange(3000) / fs
+    depth = np.choose(np.minimum(t.astype(int), 2), [0.01, 0.02, 0.03])
+    y = depth * np.sin(np.pi * t) ** 2
+    y[2990:2994] += 1e-5
+    c = cues(y, 500 * y, fs)
+    assert (c.y_max, c.y_mean) == pytest.approx((0.03, 0.02), rel=1e-5)
+    assert (c.f_max, c.f_mean) == pytest.approx((15.0, 10.0), rel=1e-5)
+    assert (c.v_max, c.v_mean) == pytest.approx((0.03 * np.pi, 0.02 * np.pi), rel=1e-4)
+    assert c.k_I == pytest.approx(500) and c.k_fit == pytest.approx(500)
+    assert c.W == pytest.approx(0.5 * 500 * (0.01**2 + 0.02**2 + 0.03**2), rel=1e-3)
+    assert cues(y, 500 * y, fs, prominence=0.5).y_mean == pytest.approx(0.025, rel=1e-5)
+
+
+def test_the_initial_stiffness_is_that_of_the_first_force_peak():
+    fs, n = 1000.0, 4000
+    w = 2 * np.pi
+    y, v = movement(w, n, fs, -np.pi / 2, A)
+    f = (100 * y + 10 * v) * np.linspace(1.0, 0.5, n)  # it softens
+    first = int(np.argmax(f[:1000]))
+    assert cues(y, f, fs).k_I == pytest.approx(f[first] / y[first])
+
+
+def test_a_given_velocity_is_used():
+    fs, n = 1000.0, 3000
+    y, v = movement(2 * np.pi, n, fs)
+    c = cues(np.round(y, 4), 300 * y, fs, v=v)
+    assert c.v_max == pytest.approx(A * 2 * np.pi, rel=1e-4)
+    assert cues(np.round(y, 4), 300 * y, fs).v_max > 0.09  # steps
+
+
+# Errors --------------------------------------------------------------------------------------------------------------
+Y, V = movement(2 * np.pi, 3000, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("y", "f", "kw", "match"),
+    [
+        (Y[:5], Y[:5], {}, "at least 8"),
+        ([], [], {}, "at least 8"),
+        (Y, Y[:-1], {}, "3000 samples and f has 2999"),
+        (Y, Y, {"v": V[1:]}, "v has 2999"),
+        (Y[None], Y, {}, "one row"),
+        (np.where(np.arange(3000) == 7, np.nan, Y), Y, {}, r"y\[7\] is not finite"),
+        (Y, np.where(np.arange(3000) == 9, np.inf, Y), {}, r"f\[9\] is not finite"),
+        (np.full(3000, 0.02), Y, {}, "does not move"),
+        (np.zeros(3000), Y, {}, "does not move"),
+        (Y[:1700], Y[:1700], {}, "1.70 periods"),
+        (np.linspace(0, 0.01, 3000), Y, {}, "periods"),
+        (Y, Y, {"fs": 0.0}, "fs"),
+        (Y, Y, {"fs": np.inf}, "fs"),
+        (Y, Y, {"prominence": 0.0}, "prominence"),
+        (Y, Y, {"prominence": 2}, "prominence"),
+    ],
+)
+def test_errors(y, f, kw, match):
+    with pytest.raises(BadValue, match=match):
+        cues(y, f, **{"fs": 1000.0, **kw})
+
+
+def test_exactly_two_periods_are_enough():
+    assert cues(Y[:2000], 2 * Y[:2000], 1000.0).k_S == pytest.approx(2.0, rel=1e-9)
