@@ -16,6 +16,7 @@ _HOME = {
     "Scene": "scene", "load": "scene",
     "compile": "processor", "Processor": "processor",
     "verify": "checks.verify",
+    "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
         UnitError,
         UnknownName,
     )
+    from .fitting import fit_generalized_maxwell, fit_springpot
     from .graph import Block, Input, Param, constant, enabled
     from .processor import Processor, compile
     from .rendering import Rendering, render, stream

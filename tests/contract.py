@@ -21,6 +21,14 @@ from stimlib.blocks.actuator import force_limit, motor_current, static_limit
 from stimlib.blocks.carrier import bump, carrier
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
+from stimlib.blocks.relaxation import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    standard_linear_solid,
+)
 from stimlib.blocks.tracking import track, track_velocity
 from stimlib.graph import Block, Guard, registry
 
@@ -329,6 +337,130 @@ TABLE = [
     Entry("squeeze", "Enabled", lambda x1: stimlib.scenes.squeeze(fingers=1).outputs["force1"], (squeeze,), rates=(8000.0,),
         unit="m"),
 ]  # fmt: skip
+
+
+# Relaxation and creep ------------------------------------------------------------------------------------------------
+SOFT = [(50.0, 1e-5), (30.0, 1e-3), (20.0, 0.02), (10.0, 0.2)]
+
+
+def arms_law(k0, arms):
+    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less a lag."""
+    lags = [(k, ramp_invariant(tau).law) for k, tau in arms]
+    total = k0 + sum(k for k, _ in arms)
+
+    def law(f, fs):
+        return total - sum(k * lag_of(f, fs) for k, lag_of in lags)
+
+    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-7, size=lambda h: np.full(h.shape, total))
+
+
+def chain_law(j0, elements, flow):
+    """j0 + sum 1/(k (1 + i w tau)) + flow/(i w) of straight lines between samples; an integral is then the trapezoidal rule."""
+    lags = [(k, ramp_invariant(tau).law) for k, tau in elements]
+
+    def law(f, fs):
+        z = np.exp(2j * np.pi * f / fs)
+        return j0 + sum(lag_of(f, fs) / k for k, lag_of in lags) + flow / 2 / fs * (z + 1) / (z - 1)
+
+    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-7)
+
+
+TABLE += [
+    Entry(
+        "maxwell",
+        "MaxwellArms",
+        lambda y: maxwell(y, 200.0, 4.0),
+        (squeeze,),
+        lti=True,
+        unit="m",
+        laws=(arms_law(0.0, [(200.0, 0.02)]),),
+        rates=(8000.0, 1000.0, 48000.0),
+    ),
+    Entry(
+        "maxwell_damper",
+        "MaxwellArms",
+        lambda y: maxwell(y, 1e13, 4.0),
+        (held,),
+        lti=True,
+        unit="m",
+        laws=(Law(lambda fs: np.linspace(0.1, fs / 2, 40), lambda f, fs: 4.0 * fs * (1 - np.exp(-2j * np.pi * f / fs)), 1e-8),),
+    ),
+    Entry(
+        "maxwell_step",
+        "MaxwellArms",
+        lambda y: maxwell(y, Param("k", 3.0, "N/m"), tau=0.05, onset="step"),
+        (held,),
+        lti=True,
+        unit="m",
+        laws=(arms_law(0.0, [(3.0, 0.05)]),),
+    ),
+    Entry(
+        "maxwell_contact",
+        "MaxwellArms",
+        lambda y, c: maxwell(y, 200.0, 4.0, contact=c > constant(0.0, "m")),
+        (squeeze, held),
+        unit="m",
+    ),
+    Entry(
+        "generalized_maxwell",
+        "MaxwellArms",
+        lambda y: generalized_maxwell(y, 70.0, SOFT),
+        (squeeze,),
+        lti=True,
+        unit="m",
+        laws=(arms_law(70.0, SOFT),),
+    ),
+    Entry(
+        "generalized_maxwell_many",
+        "MaxwellArms",
+        lambda y, c: generalized_maxwell(y, 5.0, [(1.0 + i, 1e-6 * 10**i) for i in range(19)], onset="step", contact=c > 0.0),
+        (held, held),
+        unit="m",
+    ),
+    Entry(
+        "standard_linear_solid",
+        "MaxwellArms",
+        lambda y: standard_linear_solid(y, Param("k0", 7.0, "N/m"), 3.0, 0.1),
+        (squeeze,),
+        lti=True,
+        unit="m",
+        laws=(arms_law(7.0, [(3.0, 0.1)]),),
+    ),
+    Entry(
+        "compliance_kelvin_voigt",
+        "KelvinChain",
+        lambda f: compliance_kelvin_voigt(f, 200.0, 4.0),
+        (held,),
+        lti=True,
+        unit="N",
+        laws=(chain_law(0.0, [(200.0, 0.02)], 0.0),),
+    ),
+    Entry(
+        "compliance_maxwell",
+        "KelvinChain",
+        lambda f: compliance_maxwell(f, 200.0, 4.0),
+        (held,),
+        unit="N",
+        laws=(chain_law(1 / 200, [], 1 / 4),),
+    ),
+    Entry(
+        "compliance_live",
+        "KelvinChain",
+        lambda f: compliance_maxwell(f, constant(50.0, "N/m") + Param("k", 1.0, "N/m"), tau=0.1),
+        (normal,),
+        unit="N",
+        laws=(chain_law(1 / 51, [], 1 / 5.1),),
+    ),
+    Entry(
+        "compliance_chain",
+        "KelvinChain",
+        lambda f: compliance_generalized_kelvin_voigt(f, SOFT, k0=70.0),
+        (normal,),
+        lti=True,
+        unit="N",
+        laws=(chain_law(1 / 70, SOFT, 0.0),),
+    ),
+]
 
 
 def ours() -> dict[str, type[Block]]:

@@ -18,6 +18,12 @@ PRINTED = {
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain at 50 Hz: -3.01 dB\n"
     ),
+    "fit_tissue.py": (
+        "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53 samples)\n"
+        "MaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498 [0.464, 0.6514], k2=99.37 [92.78, 106.4], "
+        "tau2=11.45 [9.677, 13.54]; 2.3 % rms of 53 samples)\n"
+        "springpot: 0.897 N, after two seconds 0.489 N\narms: 0.768 N, after two seconds 0.480 N\n"
+    ),
 }
 
 

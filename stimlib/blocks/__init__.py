@@ -9,12 +9,21 @@ from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
+from .relaxation import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    standard_linear_solid,
+)
 from .table import lut
 from .tracking import track, track_velocity
 
 __all__ = [
-    "clip", "constant", "cos", "delay", "differentiator", "enabled", "exp", "fir", "first_order", "force_limit",
-    "kelvin_voigt", "loading", "log", "lut", "maximum", "minimum", "motor_current", "nonzero", "pink_noise",
-    "pinking", "sin", "skin_drive", "spring", "sqrt", "static_limit", "tanh", "track", "track_velocity", "velocity",
-    "where", "white_noise",
+    "clip", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos",
+    "delay", "differentiator", "enabled", "exp", "fir", "first_order", "force_limit", "generalized_maxwell",
+    "kelvin_voigt", "loading", "log", "lut", "maximum", "maxwell", "minimum", "motor_current", "nonzero",
+    "pink_noise", "pinking", "sin", "skin_drive", "spring", "sqrt", "standard_linear_solid", "static_limit", "tanh",
+    "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

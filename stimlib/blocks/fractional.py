@@ -1,0 +1,781 @@
+"""The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha = 1), with all of its history.
+
+The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j d[n-j].  The newest eight weights are
+taps, the others exponential modes (``stimlib.soe``), so a sample costs the same in the first second and after hours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import soe
+from .. import units as un
+from ..errors import BadValue, UnitError
+from ..graph import Block, Const, Map, as_block, positive
+from ..maths import copy, exp, fir, floor, fma, log, memory, sin, where
+from ..units import unit
+from .table import Table, TableParams
+
+METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")
+ONSETS = ("rest", "step")
+POINTS = 100  # of the thesis' methods
+LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
+
+NAN, PI = math.nan, math.pi
+COEFFICIENTS = soe.DEGREE + 1
+AGAIN = 2.0  # ``cold`` after a contact has ended; 1 before the first
+# scratch: 73 positions, 72 differences, 64 sums, 512 for ``memory``
+DIFFERENCES, SUMS, WORK = 80, 160, 224
+
+
+# Shared by all -------------------------------------------------------------------------------------------------------
+def begin(line, value):
+    """The last nine positions before contact."""
+    for i in range(line.size):
+        line[i] = value
+
+
+def clear(a):
+    for i in range(a.size):
+        a[i] = 0.0
+
+
+def difference(line, x, w):
+    """Positions from nine samples ago on, and their differences, into the scratch."""
+    z, d = w[: x.size + 9], w[DIFFERENCES : DIFFERENCES + x.size + 8]
+    copy(line, z)
+    copy(x, z[9:])
+    for i in range(d.size):
+        d[i] = z[i + 1] - z[i]
+    copy(z[x.size :], line)
+
+
+def remember(e, r, taps, constant, scale, q, low, first, y, w):
+    """Sum over the whole history of the differences in the scratch."""
+    n = y.size
+    part = w[SUMS : SUMS + n]
+    memory(e, r, q, low, w[DIFFERENCES : DIFFERENCES + n], part, w[WORK:])
+    fir(taps, w[DIFFERENCES + 1 : DIFFERENCES + 8 + n], y)
+    for i in range(n):
+        y[i] = scale * fma(constant, w[i + 1] - first, y[i] + part[i])
+
+
+def plain(alpha, fs, first, y, w):
+    """The orders 0 and 1: way from the first position, and difference times fs."""
+    for i in range(y.size):
+        y[i] = where(alpha > 0.5, w[DIFFERENCES + 8 + i] * fs, w[9 + i] - first)
+
+
+class SpringpotParams(NamedTuple):
+    e: np.ndarray  # leaks of the modes, rising; padded with ones
+    r: np.ndarray  # their weights
+    taps: np.ndarray  # v_7 .. v_0
+    constant: float  # weight of the mode that never decays
+    scale: float  # fs^alpha
+    alpha: float
+    fs: float
+    step: float  # 1: a step from 0 at first contact
+
+
+class SpringpotState(NamedTuple):
+    line: np.ndarray  # the last nine positions
+    q: np.ndarray  # modes
+    low: np.ndarray  # second words of the slowest
+    first: float  # position before contact
+    cold: float  # 1, AGAIN: the next sample in contact starts anew
+
+
+def rest_state(r: soe.Rates) -> SpringpotState:
+    return SpringpotState(np.zeros(9), np.zeros(_eights(r.s.size)), np.zeros(_eights(r.fine)), 0.0, 1.0)
+
+
+def _eights(n: int) -> int:
+    return -(-n // 8) * 8
+
+
+def _padded(a: np.ndarray, n: int, value: float = 0.0) -> np.ndarray:
+    return np.concatenate([a, np.full(n - a.size, value)])
+
+
+def leaks(r: soe.Rates) -> np.ndarray:
+    """1 - exp(-s): the slow modes live on its last digits."""
+    return _padded(-np.expm1(-r.s), _eights(r.s.size), 1.0)
+
+
+def transfer(p, alpha, scale, taps, constant, r, z):
+    """Response of the sum, from differences on; 0 Hz is what is left of a movement after an endless hold."""
+    zi = 1 / z
+    if alpha == 0:
+        return np.ones_like(z)
+    if alpha == 1:
+        return p.fs * (1 - zi)
+    near = np.polyval(taps, zi)
+    modes = np.sum(r / ((1 - zi)[..., None] + p.e * zi[..., None]), axis=-1)
+    return scale * ((1 - zi) * (near + zi**soe.DIRECT * modes) + constant * zi**soe.DIRECT)
+
+
+def force_unit(name: str, y: un.Unit) -> un.Unit:
+    """N from a position in m; no unit from a number without one."""
+    if y == un.ONE:
+        return un.ONE
+    if y != unit("m"):
+        raise UnitError(f"{name}: the position y is in {y}, not in m")
+    return unit("N")
+
+
+def check_fields(b) -> None:
+    """Raise BadValue where a design number of a springpot makes no sense."""
+    positive(b, "horizon")
+    if b.onset not in ONSETS:
+        raise BadValue(f"springpot: onset = {b.onset!r}; choose one of {', '.join(ONSETS)}")
+    if hasattr(b, "tol"):
+        soe.rates(b.tol, 1e6)
+        if b.scheme not in soe.SCHEMES:
+            raise BadValue(f"springpot: scheme = {b.scheme!r}; choose one of {', '.join(METHODS)}")
+    if hasattr(b, "order") and not 0 <= b.order <= 1:
+        raise BadValue(f"springpot: alpha = {b.order:g} must be from 0 (spring) to 1 (dashpot)")
+
+
+# A fixed order -------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Springpot(Block):
+    """D^alpha y of a fixed order, for chi = 1.
+
+    f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),  b_k += d[n-8] - e_k b_k.
+    """
+
+    y: Block
+    contact: Block
+    order: float
+    scheme: str
+    tol: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        step = 1.0 if self.onset == "step" else 0.0
+        if self.order in (0.0, 1.0):
+            none = np.zeros(0)
+            return (
+                SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs, step),
+                SpringpotState(np.zeros(9), none, none, 0.0, 1.0),
+            )
+        rates = soe.rates(self.tol, self.horizon * fs)
+        w = soe.weights(rates, self.scheme, self.order)
+        e = leaks(rates)
+        p = SpringpotParams(
+            e, _padded(w.modes, e.size), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step
+        )
+        return p, rest_state(rates)
+
+    @staticmethod
+    def work(p):
+        return WORK + 512
+
+    @staticmethod
+    def tile(p, s, x, contact, y, w):
+        first, cold, start = s.first, s.cold, 0
+        for i in range(x.size):
+            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
+                part, out = x[start : i + 1], y[start : i + 1]
+                if contact[i] > 0.0:
+                    if cold > 0.0:
+                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
+                        begin(s.line, first)
+                        cold = 0.0
+                    difference(s.line, part, w)
+                    if p.alpha == 0.0 or p.alpha == 1.0:
+                        plain(p.alpha, p.fs, first, out, w)
+                    else:
+                        remember(p.e, p.r, p.taps, p.constant, p.scale, s.q, s.low, first, out, w)
+                else:
+                    clear(out)
+                    clear(s.line)
+                    clear(s.q)
+                    clear(s.low)
+                    first = 0.0
+                    if cold == 0.0:
+                        cold = AGAIN
+                start = i + 1
+        return SpringpotState(s.line, s.q, s.low, first, cold)
+
+    @staticmethod
+    def transfer(p, z):
+        return transfer(p, p.alpha, p.scale, p.taps, p.constant, p.r, z)
+
+
+# A live order --------------------------------------------------------------------------------------------------------
+class LiveParams(NamedTuple):
+    e: np.ndarray
+    a: np.ndarray  # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then as e
+    high: np.ndarray  # L in two words
+    rest: np.ndarray
+    poly: np.ndarray
+    nodes: float  # that many have a polynomial for g
+    fs_high: float  # log(fs) in two words
+    fs_rest: float
+    fs: float
+    step: float
+
+
+class LiveState(NamedTuple):
+    line: np.ndarray
+    q: np.ndarray
+    low: np.ndarray
+    r: np.ndarray  # weights that belong to alpha
+    taps: np.ndarray
+    constant: float
+    scale: float
+    alpha: float  # -1: none yet
+    first: float
+    cold: float
+
+
+def power(alpha, high, rest):
+    """exp(alpha (high + rest)), the product in two words."""
+    t = alpha * high
+    e = exp(t)
+    return fma(e, fma(alpha, high, -t) + alpha * rest, e)
+
+
+def chebyshev(c, start, n, t):
+    """sum_{k<n} c[start + k] T_k(t), Clenshaw's recurrence."""
+    a, b = 0.0, 0.0
+    for k in range(1, n):
+        now = fma(2.0 * t, a, c[start + n - k] - b)
+        b = a
+        a = now
+    return fma(t, a, c[start] - b)
+
+
+def reweigh(p, alpha, r, taps):
+    """Weights of the modes and taps at an order; the constant mode's comes back."""
+    n = COEFFICIENTS
+    t = 2.0 * alpha - 1.0
+    left = 1.0 - alpha
+    gain = sin(PI * where(alpha > 0.5, left, alpha)) / PI
+    m = np.int64(p.nodes)
+    for k in range(1, m):
+        r[k - 1] = left * chebyshev(p.poly, k * n, n, t) * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
+    for k in range(m, p.a.size):
+        r[k - 1] = gain * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
+    for j in range(taps.size - 1):
+        taps[j] = left * chebyshev(p.poly, (m + taps.size - 1 - j) * n, n, t)
+    taps[taps.size - 1] = chebyshev(p.poly, m * n, n, t)
+    return left * chebyshev(p.poly, 0, n, t) * (p.a[0] * power(alpha, p.high[0], p.rest[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class SpringpotLive(Block):
+    """``Springpot`` with the order as a signal: modes do not depend on it, weights are made anew where it changes."""
+
+    y: Block
+    alpha: Block
+    contact: Block
+    scheme: str
+    tol: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        if u[1] != un.ONE:
+            raise UnitError(f"springpot: the order alpha {self.alpha!r} is in {u[1]}, it must be without unit")
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        rates = soe.rates(self.tol, self.horizon * fs)
+        live = soe.live(rates, self.scheme)
+        e, (high, rest) = leaks(rates), soe.two_words(fs)
+        n = e.size + 1
+        p = LiveParams(
+            e, _padded(live.a, n), _padded(live.high, n), _padded(live.low, n), live.poly, float(len(rates.x)), high, rest, fs,
+            1.0 if self.onset == "step" else 0.0,
+        )  # fmt: skip
+        s = rest_state(rates)
+        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, 0.0, 1.0)
+
+    @staticmethod
+    def work(p):
+        return WORK + 512
+
+    @staticmethod
+    def tile(p, s, x, order, contact, y, w):
+        first, cold, constant, scale, alpha, start = s.first, s.cold, s.constant, s.scale, s.alpha, 0
+        for i in range(x.size):
+            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0) or order[i] != order[i + 1]:
+                part, out = x[start : i + 1], y[start : i + 1]
+                if contact[i] > 0.0:
+                    if cold > 0.0:
+                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
+                        begin(s.line, first)
+                        cold = 0.0
+                    a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
+                    if a != alpha:
+                        alpha = a
+                        constant = reweigh(p, alpha, s.r, s.taps)
+                        scale = power(alpha, p.fs_high, p.fs_rest)
+                    difference(s.line, part, w)
+                    remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
+                    if alpha == 0.0 or alpha == 1.0:
+                        plain(alpha, p.fs, first, out, w)
+                    if a != order[i]:  # outside 0 .. 1, or nan
+                        for k in range(out.size):
+                            out[k] = NAN
+                else:
+                    clear(out)
+                    clear(s.line)
+                    clear(s.q)
+                    clear(s.low)
+                    first = 0.0
+                    if cold == 0.0:
+                        cold = AGAIN
+                start = i + 1
+        return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, cold)
+
+
+# The certificate -----------------------------------------------------------------------------------------------------
+class PathParams(NamedTuple):
+    step: float
+
+
+class PathState(NamedTuple):
+    length: float
+    last: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class PathLength(Block):
+    """sum |y[n] - y[n-1]| since contact: the monotone movement with the same steps."""
+
+    y: Block
+    contact: Block
+    onset: str
+
+    def check(self):
+        if self.onset not in ONSETS:
+            raise BadValue(f"path length: onset = {self.onset!r}; choose one of {', '.join(ONSETS)}")
+
+    def design(self, fs):
+        return PathParams(1.0 if self.onset == "step" else 0.0), PathState(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, y, contact):
+        start = where(p.step > 0.0, where(s.cold == 1.0, abs(y), 0.0), 0.0)
+        length = where(s.cold > 0.0, start, s.length + abs(y - s.last))
+        return where(contact > 0.0, length, 0.0), PathState(
+            where(contact > 0.0, length, 0.0),
+            where(contact > 0.0, y, 0.0),
+            where(contact > 0.0, 0.0, where(s.cold == 1.0, 1.0, AGAIN)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy(Table):
+    """e(alpha) of ``soe.bound``: the error of a springpot over what the same movement without any way back would make."""
+
+    alpha: Block
+    tol: float
+    horizon: float
+
+    def check(self):
+        positive(self, "horizon")
+        soe.rates(self.tol, 1e6)
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        rates = soe.rates(self.tol, self.horizon * fs)
+        knots = np.concatenate([np.geomspace(1e-7, 1e-2, 24), np.linspace(0.02, 1.0, 99)])
+        knots = np.concatenate([[0.0], knots])
+        margin = 1.02 + 2 * self.tol  # straight lines between knots; the sum of moduli is made with the same modes
+        values = margin * np.array([soe.bound(rates, float(a)) for a in knots])
+        c = np.zeros((4, knots.size - 1))
+        c[2], c[3] = np.diff(values) / np.diff(knots), values[:-1]
+        return TableParams(knots, c.T.ravel().copy(), 0.0, 1.0), ()
+
+
+# The thesis' methods -------------------------------------------------------------------------------------------------
+def binomials(alpha: float, n: int) -> np.ndarray:
+    """w_j = (-1)^j binom(alpha, j), j < n."""
+    return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
+
+
+class DownsampledParams(NamedTuple):
+    weights: np.ndarray
+    scale: float
+    alpha: float
+    step: float
+
+
+class DownsampledState(NamedTuple):
+    past: np.ndarray  # all positions since contact
+    first: float
+    k: float  # samples since contact
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Downsampled(Block):
+    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        n = math.ceil(self.horizon * fs)
+        if n > LONGEST:
+            raise BadValue(
+                f"springpot: gl-downsampled keeps the whole history, {n} samples for horizon = {self.horizon:g} s at {fs:g} Hz; "
+                f"give the longest contact as horizon, at most {LONGEST / fs:.6g}"
+            )
+        p = DownsampledParams(
+            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order, 1.0 if self.onset == "step" else 0.0
+        )
+        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def tile(p, s, x, contact, y):
+        first, k, cold = s.first, s.k, s.cold
+        for i in range(x.size):
+            if contact[i] > 0.0:
+                if cold > 0.0:
+                    first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[i]), x[i])
+                    k, cold = 0.0, 0.0
+                if k < float_of(s.past.size):
+                    now = np.int64(k)
+                    s.past[now] = x[i] - first
+                    m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)
+                    total = 0.0
+                    for j in range(np.int64(floor(k / m)) + 1):
+                        total = fma(p.weights[j], s.past[now - j * np.int64(m)], total)
+                    y[i] = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0) * total
+                    k = k + 1.0
+                else:
+                    y[i] = NAN
+            else:
+                y[i], first, k = 0.0, 0.0, 0.0
+                if cold == 0.0:
+                    cold = AGAIN
+        return DownsampledState(s.past, first, k, cold)
+
+
+def float_of(n):
+    """A whole number as a float."""
+    return n * 1.0
+
+
+class ShortMemoryParams(NamedTuple):
+    taps: np.ndarray  # oldest first, zeros in front
+    step: float
+
+
+class ShortMemoryState(NamedTuple):
+    line: np.ndarray
+    first: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class ShortMemory(Block):
+    """D^alpha y from the last 100 samples alone."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        n = _eights(POINTS)
+        taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
+        return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+
+    @staticmethod
+    def work(p):
+        return p.taps.size + 63
+
+    @staticmethod
+    def tile(p, s, x, contact, y, w):
+        first, cold, start, h = s.first, s.cold, 0, s.line.size
+        for i in range(x.size):
+            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
+                n = i + 1 - start
+                if contact[i] > 0.0:
+                    if cold > 0.0:
+                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[start]), x[start])
+                        cold = 0.0
+                    copy(s.line, w)
+                    for k in range(n):
+                        w[h + k] = x[start + k] - first
+                    fir(p.taps, w[: h + n], y[start : i + 1])
+                    copy(w[n : n + h], s.line)
+                else:
+                    clear(y[start : i + 1])
+                    clear(s.line)
+                    first = 0.0
+                    if cold == 0.0:
+                        cold = AGAIN
+                start = i + 1
+        return ShortMemoryState(s.line, first, cold)
+
+    @staticmethod
+    def transfer(p, z):
+        return np.polyval(p.taps, 1 / z)
+
+
+# What researchers call -----------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class NotBelowZero(Map):
+    """x, or nan where x < 0: the guard of the output then ends the stimulus."""
+
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return where(x >= 0.0, x, NAN), s
+
+
+def springpot(
+    y,
+    chi,
+    alpha,
+    scheme: str = "gl",
+    tol: float = 1e-10,
+    horizon: float = 86400.0,
+    onset: str = "rest",
+    contact: Block | float | None = None,
+    certificate: bool = False,
+):
+    """Force of a springpot, f = chi D^alpha y, over the whole history of y.
+
+    Parameters
+    ----------
+    y : Block
+        Displacement in m (a number without unit gives a force without unit).
+    chi : float or Block
+        Coefficient in N s^alpha/m, as a plain number; live when it is a signal.  Not below 0: a live value below 0 is a fault.
+    alpha : float or Block
+        Order from 0 (spring, bit for bit chi (y - y[0])) to 1 (dashpot, bit for bit chi (y[n] - y[n-1]) fs); live when it is
+        a signal.  A live value outside is a fault.  A change acts as if it had been so from the start; a jump of alpha is
+        a jump of force, so ramp it.
+    scheme : {"gl", "l1", "gl-downsampled", "gl-short-memory"}
+        ``gl``: Gruenwald-Letnikov, first order in 1/fs.  ``l1``: exact for straight lines between samples, order 2 - alpha;
+        recommended.  The other two are the thesis' methods, for comparison; there alpha is a plain number.
+    tol : float
+        |error[n]| <= tol chi fs^alpha sum_j v_j |d[n-j]| against the full sum of the scheme; from 1e-14 to 0.1.
+    horizon : float
+        Seconds of contact up to which tol is kept.  Beyond, the error grows slowly.  With ``gl-downsampled``, the longest
+        contact: beyond it there is a fault.
+    onset : {"rest", "step"}
+        Whether the first sample is where y has always been, or a step from 0.
+    contact : Block, optional
+        Where it is not above 0 the force is 0; at re-contact the history starts anew, at rest.
+    certificate : bool
+        Also return the bound on the error, as a second signal.
+
+    Returns
+    -------
+    Block, or (Block, Block) with ``certificate=True``
+        Force in N, and the bound on its error in N.
+
+    Raises
+    ------
+    BadValue
+        alpha outside 0 .. 1, chi below 0, tol outside 1e-14 .. 0.1 (the message names the nearest possible one), horizon not
+        above 0, an unknown scheme or onset; a live alpha or a certificate with the thesis' methods; at compile time, a horizon
+        too long for ``gl-downsampled``.
+    UnitError
+        y in another unit than m, chi or alpha with a unit.
+
+    Notes
+    -----
+    tol speaks of the sum over the history, against the scheme's own full sum.  How near that is to the continuous derivative
+    is a matter of the sample rate.
+
+    References
+    ----------
+    Paper 001, section 2.2, and eq. (3.1).
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks.fractional import springpot
+    >>> y = stimlib.Input("y", "m")
+    >>> proc = stimlib.compile(stimlib.Scene({"f": springpot(y, chi=100.0, alpha=0.5, scheme="l1")}), fs=1000)
+    >>> t = np.arange(1000) / 1000
+    >>> f = proc.process(0.1 * t[None])[0]  # 0.1 m/s
+    >>> bool(np.allclose(f, 100 * 0.1 * 2 * np.sqrt(t / np.pi), rtol=1e-9))
+    True
+    >>> proc.units["f"]
+    'N'
+    """
+    y, alpha = as_block(y), as_block(alpha)
+    touch = as_block(1.0 if contact is None else contact)
+    fixed = alpha.value if isinstance(alpha, Const) and alpha.dim == un.ONE else None
+    if scheme not in METHODS:
+        raise BadValue(f"springpot: scheme = {scheme!r}; choose one of {', '.join(METHODS)}")
+    gain = coefficient(chi)
+    if scheme in soe.SCHEMES:
+
+        def part(signal):
+            if fixed is not None:
+                return Springpot(signal, touch, fixed, scheme, tol, horizon, onset)
+            return SpringpotLive(signal, alpha, touch, scheme, tol, horizon, onset)
+
+        force = gain * part(y)
+        if not certificate:
+            return force
+        return force, gain * (Accuracy(alpha, tol, horizon) * part(PathLength(y, touch, onset)))
+    if certificate:
+        raise BadValue(f"springpot: there is no bound on the error of {scheme}; certificate=True needs gl or l1")
+    if fixed is None:
+        raise BadValue(f"springpot: {scheme} needs a plain number as alpha, got {alpha!r}; gl and l1 take a live one")
+    method = Downsampled if scheme == "gl-downsampled" else ShortMemory
+    return gain * method(y, touch, fixed, horizon, onset)
+
+
+def coefficient(chi) -> Block:
+    """chi as a signal without unit that is nan below 0."""
+    b = as_block(chi)
+    if b.dim != un.ONE:
+        raise UnitError(f"springpot: chi {b!r} is in {b.dim}; give a plain number in N s^alpha/m, as alpha may change")
+    if isinstance(b, Const):
+        if b.value < 0:
+            raise BadValue(f"springpot: chi = {b.value:g} must not be below 0")
+        return b
+    return NotBelowZero(b)
+
+
+# The continuous law --------------------------------------------------------------------------------------------------
+class Stiffness(NamedTuple):
+    """Complex stiffness k_C = f/y of a springpot at a frequency."""
+
+    complex: np.ndarray  # N/m
+    storage: np.ndarray  # real part, N/m
+    loss: np.ndarray  # imaginary part, N/m
+    magnitude: np.ndarray  # chi w^alpha, N/m
+    phase: np.ndarray  # alpha pi/2, rad
+
+
+def springpot_stiffness(chi: float, alpha: float, w) -> Stiffness:
+    """k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
+
+    Parameters
+    ----------
+    chi : float
+        N s^alpha/m, not below 0.
+    alpha : float
+        From 0 to 1.
+    w : array_like
+        Angular frequency in rad/s, not below 0.
+
+    Returns
+    -------
+    Stiffness
+        Named arrays of the shape of w.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Paper 001, section 2.2: |k_C| = chi w^alpha, phase alpha pi/2.
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import springpot_stiffness
+    >>> k = springpot_stiffness(300.0, 0.5, 4.0)
+    >>> float(k.magnitude), float(k.phase).__round__(6), bool(abs(k.storage - k.loss) < 1e-9)
+    (600.0, 0.785398, True)
+    """
+    _order(alpha, "alpha")
+    _not_negative(chi, "chi")
+    w = np.asarray(w, float)
+    if not np.all(w >= 0):
+        raise BadValue("springpot_stiffness: w must not be below 0")
+    size = chi * w**alpha
+    across, along = math.sin(alpha * math.pi / 2), math.sin((1 - alpha) * math.pi / 2)
+    storage, loss = size * along, size * across
+    return Stiffness(storage + 1j * loss, storage, loss, size, np.full(w.shape, alpha * math.pi / 2))
+
+
+def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
+    """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1) at the frequency w.
+
+    Parameters
+    ----------
+    chi1 : float
+        N s^alpha1/m, not below 0.
+    alpha1, alpha2 : float
+        From 0 to 1.  With alpha1 = 0, chi1 is the stiffness chi_0 of eq. (4.1).
+    w : float
+        Angular frequency in rad/s, above 0; the thesis uses 2 pi.
+
+    Returns
+    -------
+    float
+        In N s^alpha2/m.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Paper 001, eqs. (3.2) and (4.1): chi_2 = chi_1 w^(alpha1 - alpha2).
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import equal_force
+    >>> round(equal_force(300.0, 0.0, 0.5), 2)
+    119.68
+    """
+    _order(alpha1, "alpha1")
+    _order(alpha2, "alpha2")
+    _not_negative(chi1, "chi1")
+    if not (math.isfinite(w) and w > 0):
+        raise BadValue(f"equal_force: w = {w} rad/s must be above 0")
+    return chi1 * w ** (alpha1 - alpha2)
+
+
+def _order(alpha: float, name: str) -> None:
+    if not 0 <= alpha <= 1:
+        raise BadValue(f"springpot: {name} = {alpha} must be from 0 (spring) to 1 (dashpot)")
+
+
+def _not_negative(chi: float, name: str) -> None:
+    if not (math.isfinite(chi) and chi >= 0):
+        raise BadValue(f"springpot: {name} = {chi} must not be below 0")

@@ -1,0 +1,684 @@
+"""Material models from recorded relaxation: displacement and force at whatever times they were sampled.
+
+Between its samples the displacement is taken as straight, and what a model answers to that is known in closed form, for a
+springpot and for Maxwell arms.  So a fit has no integration step, and gaps and log-spaced time stamps need no resampling.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .errors import BadValue, SinkError
+from .graph import Block
+
+ONSETS = ("rest", "step")
+PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
+CONFIDENCE = 0.95
+ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
+
+
+# The exact answers ---------------------------------------------------------------------------------------------------
+def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> np.ndarray:
+    """What chi D^alpha y is at the times t, exactly, when y is straight between them.
+
+    f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 - alpha)), without cancellation.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s, rising, at any distances.
+    y : array_like, shape (n,)
+        Displacement in m.
+    chi : float
+        N s^alpha/m, not below 0.
+    alpha : float
+        From 0 (spring) to 1 (dashpot).
+    onset : {"rest", "step"}
+        Whether y has always been where it is at first, or jumps there from 0 (the force at that time is then infinite).
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Force in N.
+
+    Raises
+    ------
+    BadValue
+        t not rising, not finite or of another length than y; chi, alpha or onset outside their range.
+
+    References
+    ----------
+    Paper 001, eq. (2.8); the sum over straight pieces is the L1 formula on an uneven grid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.fitting import springpot_force
+    >>> t = np.array([0.0, 0.5, 0.7, 4.0])
+    >>> springpot_force(t, 0.1 * t, 100.0, 0.5).round(6)  # 100 * 0.1 * 2 sqrt(t/pi)
+    array([ 0.      ,  7.978846,  9.440697, 22.567583])
+    """
+    t, y = _signals(t, y)
+    _material(chi, alpha, onset)
+    out = np.empty(t.size)
+    for some in np.array_split(np.arange(t.size), max(1, t.size * t.size // 2_000_000)):
+        out[some] = _Pairs(t, y, some, onset)(alpha)[0]
+    return chi * out
+
+
+def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
+    """What a spring and Maxwell arms answer at the times t, exactly, when y is straight between them.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s, rising, at any distances.
+    y : array_like, shape (n,)
+        Displacement in m from where the spring has no force.
+    k0 : float
+        Stiffness of the spring in N/m.
+    arms : sequence of (k, tau)
+        Stiffness in N/m and time constant in s of each arm.
+    onset : {"rest", "step"}
+        Whether y has always been where it is at first, or jumps there from 0.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Force in N.
+
+    Raises
+    ------
+    BadValue
+        t not rising, not finite or of another length than y; a time constant not above 0; an unknown onset.
+
+    References
+    ----------
+    Paper 001, eq. (2.1) and fig. 2.1.
+
+    Examples
+    --------
+    >>> from stimlib.fitting import maxwell_force
+    >>> maxwell_force([0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]).round(4)
+    array([0.    , 1.5   , 1.1839, 1.    ])
+    """
+    t, y = _signals(t, y)
+    _material(0.0, 0.0, onset)
+    arms = [(float(k), float(tau)) for k, tau in arms]
+    if not all(math.isfinite(k) and math.isfinite(tau) and tau > 0 for k, tau in arms):
+        raise BadValue(f"maxwell_force: arms {arms} must have finite stiffnesses and time constants above 0")
+    k, tau = np.array([a[0] for a in arms]), np.array([a[1] for a in arms])
+    return k0 * y + _arms(t, y, tau, onset)[0] @ k
+
+
+class _Pairs:
+    """The springpot's answer, for chi = 1, at some of the times, and its derivative by alpha."""
+
+    def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
+        slope = np.diff(y) / np.diff(t)
+        moving = np.flatnonzero(slope)  # held pieces add nothing
+        self.slope = slope[moving]
+        since_end = t[some][:, None] - t[None, 1:][:, moving]
+        self.over = since_end > 0
+        self.now = since_end == 0
+        past = np.where(self.over, since_end, 1.0)
+        piece = np.diff(t)[moving]
+        self.end = np.log(past)  # t - t_i+1
+        self.more = np.log1p(piece / past)  # log of (t - t_i)/(t - t_i+1)
+        self.piece = np.log(piece)
+        self.since = t[some] - t[0]
+        self.jump = y[0] if onset == "step" else 0.0
+
+    def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+        from scipy.special import digamma
+
+        b, size = 1 - alpha, math.gamma(2 - alpha)
+        end, more = np.exp(b * self.end), np.expm1(b * self.more)
+        last = np.exp(b * self.piece)
+        part = np.where(self.over, end * more, np.where(self.now, last, 0.0))
+        value = part @ self.slope / size
+        # by b: x^b log x
+        steep = np.where(self.over, end * (more * self.end + (more + 1) * self.more), np.where(self.now, last * self.piece, 0.0))
+        slope = digamma(2 - alpha) * value - steep @ self.slope / size
+        if self.jump:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                log = np.log(self.since)
+                if alpha == 1:
+                    extra = np.where(self.since > 0, 0.0, math.inf)
+                    by = np.where(self.since > 0, -1 / self.since, math.inf)  # 1/Gamma(1 - alpha) falls with the slope 1
+                else:
+                    extra = np.exp(-alpha * log) / math.gamma(1 - alpha)
+                    by = extra * (digamma(1 - alpha) - log)
+            value, slope = value + self.jump * extra, slope + self.jump * by
+        return value, slope
+
+
+def _arms(t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str) -> tuple[np.ndarray, np.ndarray]:
+    """Answers of unit arms, shape (t.size, tau.size), and their derivatives by log(tau)."""
+    a = np.diff(t)[:, None] / tau
+    e = -np.expm1(-a)
+    p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
+    drive, by_p, by_g = g * dy, p * a, (g - p) * dy
+    f, d = np.zeros((t.size, tau.size)), np.zeros((t.size, tau.size))
+    f[0] = y[0] if onset == "step" else 0.0
+    for n in range(t.size - 1):
+        f[n + 1] = f[n] - e[n] * f[n] + drive[n]
+        d[n + 1] = p[n] * d[n] + by_p[n] * f[n] + by_g[n]
+    return f, d
+
+
+# Input ---------------------------------------------------------------------------------------------------------------
+def _signals(t, *signals) -> list[np.ndarray]:
+    out: list[np.ndarray] = []
+    names = ("t", "y", "f") if len(signals) < 3 else ("t", *(f"signal {i}" for i in range(1, len(signals) + 1)))
+    for name, v in zip(names, (t, *signals), strict=False):
+        try:
+            a = np.array(v, float)
+        except (TypeError, ValueError):
+            raise BadValue(f"{name} must be an array of numbers") from None
+        if a.ndim != 1 or (out and a.size != out[0].size):
+            raise BadValue(f"{name} has shape {a.shape}; time and signals must be one-dimensional and of one length")
+        if not np.isfinite(a).all():
+            raise BadValue(f"{name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
+        out.append(a)
+    if out[0].size < 2:
+        raise BadValue(f"{out[0].size} samples are not enough; give at least 2")
+    late = np.diff(out[0]) > 0
+    if not late.all():
+        i = int(np.argmin(late))
+        raise BadValue(f"t must rise: t[{i}] = {out[0][i]:g} is followed by t[{i + 1}] = {out[0][i + 1]:g}")
+    return out
+
+
+def _material(chi: float, alpha: float, onset: str) -> None:
+    if not (math.isfinite(chi) and chi >= 0):
+        raise BadValue(f"springpot: chi = {chi} must not be below 0")
+    if not 0 <= alpha <= 1:
+        raise BadValue(f"springpot: alpha = {alpha} must be from 0 (spring) to 1 (dashpot)")
+    if onset not in ONSETS:
+        raise BadValue(f"onset = {onset!r}; choose one of {', '.join(ONSETS)}")
+
+
+def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> list[np.ndarray]:
+    """Averages over bins: equal bins before a time, and bins of equal ratio after it.
+
+    A relaxation sampled evenly has nearly all of its samples where nothing happens any more.  Averages over bins weigh every
+    decade of time alike, and have less noise.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s, rising.
+    *signals : array_like, shape (n,)
+        Such as displacement and force.
+    start : float
+        Time in s after which bins are even in the logarithm of the time since then: the start of the hold.
+    per_decade : int
+        Bins in a factor of 10 in time.
+    before : int
+        Bins before ``start``; as many as there are samples at most.
+
+    Returns
+    -------
+    list of ndarray
+        Mean time and means of the signals; empty bins are left out.
+
+    Raises
+    ------
+    BadValue
+        t not rising, not finite or of another length than the signals; start not within t; no bins.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.fitting import thin
+    >>> t = np.arange(100_000) / 5000
+    >>> short, y = thin(t, np.minimum(t, 0.1), start=0.1)
+    >>> short.size, float(y[-1].round(9))
+    (367, 0.1)
+    """
+    rows = _signals(t, *signals)
+    t = rows[0]
+    if not t[0] <= start < t[-1]:
+        raise BadValue(f"thin: start = {start:g} s must be within t, {t[0]:g} to {t[-1]:g} s")
+    if per_decade < 1 or before < 1:
+        raise BadValue(f"thin: per_decade = {per_decade} and before = {before} must be at least 1")
+    early = int(np.sum(t <= start))
+    bins = np.empty(t.size, np.int64)
+    bins[:early] = np.arange(early) * min(before, early) // max(early, 1)
+    since = t[early:] - start
+    bins[early:] = before + np.floor(np.log10(since / since[0]) * per_decade + 1e-9).astype(np.int64)
+    starts = np.flatnonzero(np.diff(bins, prepend=-1))
+    counts = np.diff(np.r_[starts, t.size])
+    return [np.add.reduceat(v, starts) / counts for v in rows]
+
+
+# Fits ----------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """A model, its numbers, and how well it says what was recorded.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Numbers of the model.
+    intervals : dict of str to (float, float)
+        95 % confidence intervals, from the curvature at the minimum, as if the errors of samples were independent.  Where a
+        model is wrong in shape they are too narrow: neighbouring errors are then alike.
+    t, y, f : ndarray, shape (n,)
+        What was given.
+    fitted : ndarray, shape (n,)
+        The model's force.
+    used : ndarray of bool, shape (n,)
+        Samples that the fit looked at.
+    """
+
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    t: np.ndarray
+    y: np.ndarray
+    f: np.ndarray
+    fitted: np.ndarray
+    used: np.ndarray
+    onset: str = field(default="rest")
+
+    @property
+    def residual(self) -> np.ndarray:
+        """fitted - f, at all samples."""
+        return self.fitted - self.f
+
+    @property
+    def relative(self) -> np.ndarray:
+        """(fitted - f)/f at the samples in use where f is not 0."""
+        some = self.used & (self.f != 0)
+        return self.residual[some] / self.f[some]
+
+    @property
+    def relative_error(self) -> float:
+        """Root mean square of ``relative``."""
+        return float(np.sqrt(np.mean(self.relative**2)))
+
+    @property
+    def largest_relative_error(self) -> float:
+        """Largest modulus of ``relative``."""
+        return float(np.max(np.abs(self.relative)))
+
+    def __repr__(self):
+        parts = [f"{n}={v:.4g} [{self.intervals[n][0]:.4g}, {self.intervals[n][1]:.4g}]" for n, v in self.values.items()]
+        return (
+            f"{type(self).__name__}({', '.join(parts)}; {100 * self.relative_error:.2g} % rms of {int(self.used.sum())} samples)"
+        )
+
+    def plot(self, path: str | os.PathLike) -> None:
+        """Draw force and model over the time since the motion began, and the relative error.
+
+        Parameters
+        ----------
+        path : str or Path
+            PNG, SVG or PDF, by its suffix.
+
+        Raises
+        ------
+        SinkError
+            The file cannot be written.
+        """
+        from matplotlib.figure import Figure
+
+        fig = Figure(figsize=(7, 5), layout="constrained")
+        self.draw(*fig.subplots(2, 1, sharex=True, height_ratios=(3, 1)))
+        try:
+            fig.savefig(path, dpi=110)
+        except (OSError, ValueError) as e:
+            raise SinkError(f"cannot write the picture {path}: {e}") from e
+
+    def draw(self, ax: Any, below: Any, label: str = "recorded", color: str = "C0") -> None:
+        """Draw into two axes of matplotlib: forces, and relative errors in percent.
+
+        Parameters
+        ----------
+        ax, below : matplotlib.axes.Axes
+        label, color : str
+        """
+        since = self.t - self.t[max(_first_motion(self.y, self.onset) - 1, 0)]
+        shown = since > 0
+        others = shown & ~self.used
+        ax.plot(since[others], self.f[others], ".", ms=3, color=color, alpha=0.35)
+        ax.plot(since[self.used], self.f[self.used], ".", ms=4, color=color, label=label)
+        ax.plot(since[shown], self.fitted[shown], "-", lw=1, color="k", alpha=0.8)
+        some = self.used & (self.f != 0)
+        below.plot(since[some], 100 * self.relative, "-", lw=0.8, color=color)
+        if since[shown][-1] > 100 * since[shown][0]:
+            ax.set_xscale("log")
+        if np.all(self.f[self.used] > 0) and self.f[self.used].max() > 2 * self.f[self.used].min():
+            ax.set_yscale("log")
+        ax.set(ylabel="force")
+        below.set(xlabel="time since the motion began / s", ylabel="error / %")
+        for a in (ax, below):
+            a.grid(alpha=0.3, which="both")
+        ax.legend(loc="best")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpringpotFit(Fit):
+    """f = chi D^alpha y; see ``Fit``."""
+
+    @property
+    def chi(self) -> float:
+        """In the unit of f, times s^alpha, over that of y."""
+        return self.values["chi"]
+
+    @property
+    def alpha(self) -> float:
+        """Order, 0 (spring) to 1 (dashpot)."""
+        return self.values["alpha"]
+
+    def block(self, y: Block, **options) -> Block:
+        """The springpot of a scene, when y was in m and f in N.
+
+        Parameters
+        ----------
+        y : Block
+            Position in m.
+        **options
+            Of ``stimlib.blocks.fractional.springpot``.
+
+        Returns
+        -------
+        Block
+            Force in N.
+        """
+        from .blocks.fractional import springpot
+
+        return springpot(y, self.chi, self.alpha, **options)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MaxwellFit(Fit):
+    """Spring and Maxwell arms; see ``Fit``.  ``values`` has k0, k1, tau1, k2, .. with rising time constants."""
+
+    @property
+    def k0(self) -> float:
+        """Stiffness of the spring; 0 without."""
+        return self.values.get("k0", 0.0)
+
+    @property
+    def arms(self) -> list[tuple[float, float]]:
+        """(stiffness, time constant in s) of each arm."""
+        n = sum(name.startswith("tau") for name in self.values)
+        return [(self.values[f"k{i}"], self.values[f"tau{i}"]) for i in range(1, n + 1)]
+
+    def block(self, y: Block, **options) -> Block:
+        """The model in a scene, when y was in m and f in N.
+
+        Parameters
+        ----------
+        y : Block
+            Position in m.
+        **options
+            Of ``stimlib.blocks.relaxation.generalized_maxwell``.
+
+        Returns
+        -------
+        Block
+            Force in N.
+        """
+        from .blocks.relaxation import generalized_maxwell
+
+        return generalized_maxwell(y, self.k0, self.arms, **options)
+
+
+def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest") -> SpringpotFit:
+    """Order and coefficient of the springpot that answers the recorded motion most like the recorded force.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times in s, rising, at any distances; from before the motion on.
+    y : array_like, shape (n,)
+        Displacement, in m if the result is to become a stimulus.
+    f : array_like, shape (n,)
+        Force, in N if the result is to become a stimulus.
+    where : array_like of bool, shape (n,), optional
+        Samples to fit, such as the hold only; the motion before them still acts.  Default: all after the motion has begun.
+    sigma : {"relative", "absolute"} or array_like, shape (n,)
+        What the errors are measured with: each force itself, the same for all, or the given standard deviations.
+    onset : {"rest", "step"}
+        Whether y has always been where it is at first, or jumps there from 0 at t[0].
+
+    Returns
+    -------
+    SpringpotFit
+        With ``chi``, ``alpha``, confidence intervals, residuals, ``plot`` and ``block``.
+
+    Raises
+    ------
+    BadValue
+        t not rising, not finite numbers, different lengths; less than 3 samples to fit; a force of 0 with relative errors;
+        a position that never moves; too many samples at once (``thin`` them).
+
+    References
+    ----------
+    Paper 001, eq. (2.8) and section 1.1.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.fitting import fit_springpot, springpot_force
+    >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
+    >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
+    >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    >>> fit = fit_springpot(t, y, springpot_force(t, y, 300.0, 0.2) * noise, where=t > 0.2)
+    >>> fit
+    SpringpotFit(chi=299.5 [298.4, 300.6], alpha=0.1998 [0.1986, 0.2009]; 0.72 % rms of 43 samples)
+    """
+    from scipy.optimize import least_squares
+
+    t, y, f = _signals(t, y, f)
+    _material(0.0, 0.0, onset)
+    used, weight = _use(t, y, f, where, sigma, onset, 3)
+    if used.sum() * t.size > PAIRS:
+        raise BadValue(
+            f"fit_springpot: {int(used.sum())} samples to fit and {t.size - 1} straight pieces are too many pairs; "
+            "average them first: t, y, f = thin(t, y, f, start=...)"
+        )
+    model, target = _Pairs(t, y, np.flatnonzero(used), onset), f[used] * weight
+
+    def miss(x):
+        return math.exp(x[0]) * model(x[1])[0] * weight - target
+
+    def slope(x):
+        value, by = model(x[1])
+        return math.exp(x[0]) * np.stack([value * weight, by * weight], axis=1)
+
+    best = None
+    for alpha in ALPHAS:
+        unit = model(alpha)[0] * weight
+        chi = float(unit @ target / (unit @ unit)) if unit.any() else 0.0
+        if not (chi > 0 and math.isfinite(chi)):
+            continue
+        bounds = ([-700.0, 0.0], [700.0, 1.0])
+        found = least_squares(miss, [math.log(chi), alpha], slope, bounds, ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=200)
+        if best is None or found.cost < best.cost * (1 - 1e-9):
+            best = found
+    if best is None:
+        raise BadValue("fit_springpot: the force is not along the motion (chi would be below 0); is one of the signs reversed?")
+    low, high = _intervals(best.x, slope(best.x), best.fun)
+    chi, alpha = math.exp(best.x[0]), float(best.x[1])
+    return SpringpotFit(
+        {"chi": chi, "alpha": alpha},
+        {"chi": (_exp(low[0]), _exp(high[0])), "alpha": (max(float(low[1]), 0.0), min(float(high[1]), 1.0))},
+        t, y, f, springpot_force(t, y, chi, alpha, onset=onset), used, onset,
+    )  # fmt: skip
+
+
+def fit_generalized_maxwell(
+    t, y, f, *, arms: int, spring: bool = True, where=None, sigma="relative", onset: str = "rest"
+) -> MaxwellFit:
+    """Stiffnesses and time constants of a generalized Maxwell model from a recorded motion and force.
+
+    Parameters
+    ----------
+    t, y, f, where, sigma, onset
+        See ``fit_springpot``; y counts from where the spring has no force.
+    arms : int
+        Number of Maxwell arms.  About one in a decade of time is what a recording tells.
+    spring : bool
+        Whether there is a spring beside the arms, so that some force is left for ever.
+
+    Returns
+    -------
+    MaxwellFit
+        With ``k0``, ``arms``, confidence intervals, residuals, ``plot`` and ``block``.
+
+    Raises
+    ------
+    BadValue
+        As ``fit_springpot``; arms below 1; fewer samples to fit than there are numbers in the model.
+
+    Notes
+    -----
+    All numbers are fitted as logarithms.  An interval up to infinity says that the recording does not tell that number.
+
+    References
+    ----------
+    Paper 001, section 2.1 and fig. 2.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.fitting import fit_generalized_maxwell, maxwell_force
+    >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
+    >>> y = np.minimum(0.05 * t, 0.01)
+    >>> fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1), (30.0, 5.0)]), arms=2)
+    >>> round(fit.k0, 6), [(round(k, 6), round(tau, 6)) for k, tau in fit.arms]
+    (100.0, [(50.0, 0.1), (30.0, 5.0)])
+    """
+    from scipy.optimize import least_squares, nnls
+
+    t, y, f = _signals(t, y, f)
+    _material(0.0, 0.0, onset)
+    if not isinstance(arms, (int, np.integer)) or isinstance(arms, bool) or arms < 1:
+        raise BadValue(f"fit_generalized_maxwell: arms = {arms!r} must be a whole number of at least 1")
+    n = int(spring)
+    used, weight = _use(t, y, f, where, sigma, onset, 2 * arms + n + 1)
+    target, elastic = f[used] * weight, (y[used] * weight)[:, None][:, :n]
+    begin = t[max(_first_motion(y, onset) - 1, 0)]
+    since = t[used] - begin
+    shortest = max(float(since.min()), float(np.diff(t).min()))
+    longest = float(since.max())
+
+    def unit(logs):
+        value, by = _arms(t, y, np.exp(logs), onset)
+        return value[used] * weight[:, None], by[used] * weight[:, None]
+
+    def miss(x):
+        return np.concatenate([elastic, unit(x[n + arms :])[0]], axis=1) @ np.exp(x[: n + arms]) - target
+
+    def slope(x):
+        value, by = unit(x[n + arms :])
+        k = np.exp(x[: n + arms])
+        return np.concatenate([elastic * k[:n], value * k[n:], by * k[n:]], axis=1)
+
+    best = None
+    for margin, floor in ((0.5, 1e-3), (0.5, 0.1), (0.2, 1e-2), (0.02, 0.1), (1.5, 1e-2)):
+        first, last = (
+            shortest * (longest / shortest) ** (margin / arms / 2),
+            longest * (shortest / longest) ** (margin / arms / 2),
+        )
+        logs = np.linspace(math.log(first), math.log(last), arms) if arms > 1 else np.array([(math.log(first * last)) / 2])
+        k = nnls(np.concatenate([elastic, unit(logs)[0]], axis=1), target)[0]
+        if not k.any():
+            continue
+        top = float(k.sum())
+        x = np.concatenate([np.log(np.maximum(k, floor * top)), logs])
+        wide = math.log(longest / shortest) / 2 + math.log(100.0)
+        middle = math.log(longest * shortest) / 2
+        edges = (
+            [math.log(top) - 25.0] * (n + arms) + [middle - wide] * arms,
+            [math.log(top) + 25.0] * (n + arms) + [middle + wide] * arms,
+        )
+        found = least_squares(miss, x, slope, edges, x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=400)
+        if best is None or found.cost < best.cost * (1 - 1e-9):
+            best = found
+    if best is None:
+        raise BadValue("fit_generalized_maxwell: the force is not along the motion; is one of the signs reversed?")
+    low, high = _intervals(best.x, slope(best.x), best.fun)
+    order = np.argsort(best.x[n + arms :], kind="stable")
+    places = {"k0": 0} if spring else {}
+    for i, at in enumerate(order.tolist(), 1):
+        places |= {f"k{i}": n + at, f"tau{i}": n + arms + at}
+    values = {name: math.exp(best.x[at]) for name, at in places.items()}
+    intervals = {name: (_exp(low[at]), _exp(high[at])) for name, at in places.items()}
+    found_arms = [(values[f"k{i}"], values[f"tau{i}"]) for i in range(1, arms + 1)]
+    fitted = maxwell_force(t, y, values.get("k0", 0.0), found_arms, onset=onset)
+    return MaxwellFit(values, intervals, t, y, f, fitted, used, onset)
+
+
+def _first_motion(y: np.ndarray, onset: str) -> int:
+    """Index of the first sample at which the model can have answered."""
+    moved = np.flatnonzero(np.diff(y))
+    if onset == "step" and y[0] != 0:
+        return 1
+    return int(moved[0]) + 1 if moved.size else y.size
+
+
+def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.ndarray]:
+    """Samples to fit, and the weights of their errors."""
+    first = _first_motion(y, onset)
+    if first == y.size:
+        raise BadValue("the position y never moves: there is nothing that a force could answer")
+    if where is None:
+        used = np.arange(t.size) >= first
+    else:
+        used = np.array(where)
+        if used.dtype != bool or used.shape != t.shape:
+            raise BadValue(f"where must be {t.size} values True or False, such as t > 2.1")
+        if onset == "step" and y[0] != 0 and used[0]:
+            raise BadValue("where: at the moment of the step, t[0], the force is not finite; leave that sample out")
+        if not np.any(used & (np.arange(t.size) >= first)):
+            raise BadValue("where: none of these samples is after the motion has begun")
+    if used.sum() < least:
+        raise BadValue(f"{int(used.sum())} samples to fit are not enough for this model; give at least {least}")
+    if not f[used].any():
+        raise BadValue("the force f is 0 at all samples to fit")
+    if isinstance(sigma, str):
+        if sigma not in ("relative", "absolute"):
+            raise BadValue(f"sigma = {sigma!r}; choose 'relative', 'absolute' or give standard deviations")
+        if sigma == "absolute":
+            return used, np.full(int(used.sum()), 1 / np.sqrt(np.mean(f[used] ** 2)))
+        size = np.abs(f)
+    else:
+        size = _signals(t, sigma)[1]
+    if not np.all(size[used] > 0):
+        i = int(np.flatnonzero(used & ~(size > 0))[0])
+        what = (
+            f"f[{i}] = 0: its relative error has no meaning"
+            if isinstance(sigma, str)
+            else f"sigma[{i}] = {size[i]:g} is not above 0"
+        )
+        raise BadValue(f"{what}; leave that sample out with where, or use sigma='absolute'")
+    return used, 1 / size[used]
+
+
+def _intervals(x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """95 % confidence: x -+ t s, s^2 the diagonal of (J' J)^-1 times the variance of the errors."""
+    from scipy.stats import t as student
+
+    free = miss.size - x.size
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    _, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
+    told = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
+    deviation = np.sqrt(np.sum((v[told] / s[told, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
+    wide = student.ppf((1 + CONFIDENCE) / 2, free) * deviation
+    wide[np.any(np.abs(v[~told]) > 1e-6, axis=0)] = math.inf
+    return x - wide, x + wide
+
+
+def _exp(x: float) -> float:
+    return math.exp(x) if x < 700 else math.inf

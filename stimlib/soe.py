@@ -1,0 +1,390 @@
+"""The memory of a springpot as a sum of exponentials: rates, weights, and a bound on the error.
+
+A fractional difference is f[n] = h^-alpha sum_j v_j d[n-j] with d[n] = y[n] - y[n-1] and weights v_j > 0 that decay like a
+power of j.  The first ``DIRECT`` weights are used as they are.  The others are integrals of exponentials,
+
+    v_j = (sin(pi alpha)/pi) Int_0^inf exp(-s j) phi(s) ds,
+
+    gl:  phi = (exp(s) - 1)^(alpha - 1),      v_j = Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!)
+    l1:  phi = (1 - exp(-s)) s^(alpha - 2),   v_j = ((j + 1)^(1 - alpha) - j^(1 - alpha))/Gamma(2 - alpha)
+
+and the trapezoidal rule in log(s) turns the integral into few terms, with an error that falls like exp(-pi^2/delta) with the
+step delta.  All of the grid below s0 = 0.25/horizon acts as a few nodes in [0, s0] with the same moments.  So the rates s_k
+depend on tol and the horizon only, and the order alpha enters by the weights, in closed form.
+
+Sampled: Gruenwald-Letnikov (``gl``) is eq. (3.1) of paper 001 in terms of differences; ``l1`` is exact for straight lines
+between samples.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import Context, Decimal
+from fractions import Fraction
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import BadValue
+
+SCHEMES = ("gl", "l1")
+DIRECT = 8  # weights v_0 .. v_7 are direct taps
+SMALLEST_TOL = 1e-14
+ROUNDING = 32 * 2.0**-53  # of some twenty operations on numbers of one sign
+DEGREE = 24  # of the polynomials in alpha that stand for weights without a closed form of few operations
+
+
+class Rates(NamedTuple):
+    """Everything that does not depend on alpha."""
+
+    tol: float
+    samples: float  # the horizon
+    delta: float  # step of the grid in log(s)
+    s0: float
+    x: tuple[float, ...]  # nodes of the part below s0, as fractions of s0; the first is 0
+    grid: np.ndarray  # s0, s0 exp(delta), ..
+    fine: int  # that many of the slowest modes need a second word of state
+
+    @property
+    def s(self) -> np.ndarray:
+        """Rates of all modes but the one with s = 0, rising."""
+        return np.concatenate([self.s0 * np.array(self.x[1:]), self.grid])
+
+
+class Weights(NamedTuple):
+    """f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k] b_k[n]."""
+
+    taps: np.ndarray  # v_0 .. v_7
+    constant: float
+    modes: np.ndarray  # of b_k[n] = sum_j exp(-s_k j) d[n-8-j]
+
+
+# The exact weights ---------------------------------------------------------------------------------------------------
+def kernel(scheme: str, alpha: float, j) -> np.ndarray:
+    """v_j to a few roundings.
+
+    Parameters
+    ----------
+    scheme : {"gl", "l1"}
+    alpha : float
+        From 0 to 1.
+    j : array_like of int
+
+    Returns
+    -------
+    ndarray
+
+    Examples
+    --------
+    >>> from stimlib.soe import kernel
+    >>> kernel("gl", 0.5, [0, 1, 2])
+    array([1.   , 0.5  , 0.375])
+    """
+    j = np.asarray(j, float)
+    if scheme == "l1":
+        if alpha == 1:
+            return np.where(j == 0, 1.0, 0.0)
+        k = np.maximum(j, 1)
+        one = k ** (1 - alpha) * np.expm1((1 - alpha) * np.log1p(1 / k))
+        return np.where(j == 0, 1.0, one) / math.gamma(2 - alpha)
+    few = np.cumprod([1.0, *((i - alpha) / i for i in range(1, 64))])
+    # Gamma(n + a)/Gamma(n + b), n large, by its series about n + (a + b - 1)/2: rho = (1 + a - b)/2
+    w, rho = np.maximum(j, 63) + (1 - alpha) / 2, (1 - alpha) / 2
+    square = 1 / w**2
+    series = 1 + alpha * (1 - alpha) * square * _ratio_series(alpha, rho, square)
+    many = series * w**-alpha / math.gamma(1 - alpha) if alpha < 1 else np.zeros_like(w)
+    return np.where(j < 64, few[np.minimum(j, 63).astype(int)], many)
+
+
+def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
+    """(Gamma(w + rho) / (Gamma(w + rho + alpha) w^-alpha) - 1) / (alpha (1 - alpha) u) with w = 1/sqrt(u), first terms."""
+    # generalised Bernoulli numbers B_2n^(2 rho)(rho), 2 rho = 1 - alpha
+    b2, b4, b6 = -rho / 6, rho * (5 * rho + 1) / 60, -rho * (35 * rho**2 + 21 * rho + 4) / 504
+    first = alpha * (alpha + 1) / 2
+    second = first * (alpha + 2) * (alpha + 3) / 12
+    third = second * (alpha + 4) * (alpha + 5) / 30
+    scale = alpha * (1 - alpha)
+    if scale == 0:
+        return np.zeros_like(u)
+    return (first * b2 + u * (second * b4 + u * third * b6)) / scale
+
+
+def _phi(scheme: str, alpha: float, s: np.ndarray) -> np.ndarray:
+    if scheme == "gl":
+        return np.array([math.expm1(v) ** alpha / math.expm1(v) for v in s])  # alpha - 1 would be rounded
+    return np.array([v**alpha * (-math.expm1(-v) / v) / v for v in s])
+
+
+def _sin(alpha: float) -> float:
+    """sin(pi alpha)/pi without loss next to 1."""
+    return math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi
+
+
+# Rates ---------------------------------------------------------------------------------------------------------------
+@cache
+def rates(tol: float, samples: float) -> Rates:
+    """Modes whose error bound is below tol for every order and both schemes, up to a horizon in samples.
+
+    Parameters
+    ----------
+    tol : float
+        |error of f[n]| <= tol h^-alpha sum_j v_j |d[n-j]|; from 1e-14 to 0.1.
+    samples : float
+        Horizon; the bound on the slowest part holds up to there.
+
+    Returns
+    -------
+    Rates
+
+    Raises
+    ------
+    BadValue
+        A tol outside its range.
+
+    Examples
+    --------
+    >>> from stimlib.soe import rates
+    >>> rates(1e-10, 86400 * 1000.0).s.size
+    63
+    """
+    if not SMALLEST_TOL <= tol <= 0.1:
+        raise BadValue(
+            f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, which is what numbers of 53 bits allow, to 0.1; "
+            f"use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
+        )
+    samples = max(float(samples), 64.0)
+    share = tol / 16
+    delta = _step(tol - 4 * share - ROUNDING)
+    s0 = 0.25 / samples
+    n = math.ceil(math.log(0.5 / s0) / delta)
+    while _beyond(1.0, s0 * math.exp(n * delta), delta) > share:
+        n += 1
+    grid = s0 * np.exp(delta * np.arange(n))
+    m = 2
+    while max(_lump_error(a, delta, _nodes(m)) for a in (0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)) > share:
+        m += 1
+    made = Rates(tol, samples, delta, s0, _nodes(m), grid, 0)
+    return made._replace(fine=int(np.sum(made.s < 2.0**-53 / share)))
+
+
+def _step(room: float) -> float:
+    """The step delta at which 1.5 aliasing, largest at alpha = 1, is ``room``."""
+    y = 10.0
+    for _ in range(50):
+        y = 2 / math.pi * math.log(3 * math.sqrt(2 * math.pi * y) / room)
+    return 2 * math.pi / y
+
+
+def aliasing(alpha: float, delta: float) -> float:
+    """Relative error that the step delta makes in all weights: 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha)."""
+    if alpha == 0:
+        return 0.0
+    # |Gamma(a + iy)| from Stirling's series at a + 8 + iy
+    z = complex(alpha, 2 * math.pi / delta)
+    below = 0.0
+    for _ in range(8):
+        below += math.log(abs(z))
+        z += 1
+    log = complex(math.log(abs(z)), math.atan2(z.imag, z.real))
+    stirling = (z - 0.5) * log - z + 0.5 * math.log(2 * math.pi) + 1 / (12 * z) - 1 / (360 * z**3) + 1 / (1260 * z**5)
+    return 2 * math.exp(stirling.real - below) * alpha / math.gamma(1 + alpha)
+
+
+def _beyond(alpha: float, s: float, delta: float) -> float:
+    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller)."""
+    v = s * np.exp(delta * np.arange(64))
+    v = v[v < 80]
+    if alpha == 1:  # the limit of both factors over 1 - alpha
+        return float(delta * np.sum(v * np.exp(-DIRECT * v)) * DIRECT)
+    return float(_sin(alpha) * delta * np.sum(v * np.expm1(v) ** (alpha - 1) * np.exp(-DIRECT * v)) / kernel("gl", alpha, DIRECT))
+
+
+def _nodes(m: int) -> tuple[float, ...]:
+    """0 and m - 1 more in (0, 1), denser towards both ends; short fractions, so that moments are matched exactly."""
+    return tuple(round((1 - math.cos(math.pi * i / (m - 0.5))) * 2048) / 4096 for i in range(m))
+
+
+def _lump_error(alpha: float, delta: float, x: tuple[float, ...]) -> float:
+    """Of the part below s0 at the horizon, relative to v there."""
+    k = np.exp(-delta * np.arange(1, 400))
+    omega = np.abs(np.prod(k[:, None] - np.array(x), axis=1))
+    gain = 1.0 if alpha == 1 else _sin(alpha) * math.gamma(1 - alpha)
+    return gain * delta * float(np.sum(k**alpha * omega)) * 0.25 ** (len(x) + alpha) / math.factorial(len(x))
+
+
+# Weights -------------------------------------------------------------------------------------------------------------
+def weights(r: Rates, scheme: str, alpha: float) -> Weights:
+    """Weights of the order alpha, 0 < alpha < 1, for given rates.
+
+    Parameters
+    ----------
+    r : Rates
+    scheme : {"gl", "l1"}
+    alpha : float
+
+    Returns
+    -------
+    Weights
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.soe import kernel, rates, weights
+    >>> r = rates(1e-10, 1e6)
+    >>> w = weights(r, "gl", 0.3)
+    >>> j = np.array([8, 100, 1000])
+    >>> v = w.constant + np.exp(-np.outer(j - 8, r.s)) @ w.modes
+    >>> bool(np.abs(v / kernel("gl", 0.3, j) - 1).max() < 1e-10)
+    True
+    """
+    if scheme == "gl":
+        exact, taps = Fraction(1), [1.0]
+        for j in range(1, DIRECT):
+            exact *= (j - Fraction(alpha)) / j
+            taps.append(float(exact))
+    else:
+        taps = [float(v) for v in kernel("l1", alpha, np.arange(DIRECT))]
+    low = _lump(r, scheme, alpha)
+    first = [r.s0**alpha * w * math.exp(-x * r.s0 * DIRECT) for w, x in zip(low, r.x, strict=True)]
+    grid = _sin(alpha) * r.delta * r.grid * _phi(scheme, alpha, r.grid) * np.exp(-DIRECT * r.grid)
+    return Weights(np.array(taps), first[0], np.concatenate([first[1:], grid]))
+
+
+def _lump(r: Rates, scheme: str, alpha: float) -> list[float]:
+    """Weights of the nodes in [0, s0] over s0^alpha: the moments of the grid below s0 are theirs."""
+    series = _series(scheme, alpha)
+
+    def moment(e):
+        return _sin(alpha) * r.delta / math.expm1(e * r.delta) if e > 1e-200 else 1.0
+
+    m = len(r.x)
+    moments = [Fraction(math.fsum(g * r.s0**q * moment(alpha + i + q) for q, g in enumerate(series))) for i in range(m)]
+    return [float(sum((c * v for c, v in zip(row, moments, strict=True)), Fraction(0))) for row in _lagrange(r.x)]
+
+
+def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
+    """Power series of phi(s) s^(1 - alpha)."""
+    if scheme == "l1":
+        return [(-1) ** k / math.factorial(k + 1) for k in range(n)]
+    base = [1 / math.factorial(k + 1) for k in range(n)]  # ((exp(s) - 1)/s)^(alpha - 1)
+    out = [1.0]
+    for k in range(1, n):
+        out.append(sum(((alpha - 1) * i - (k - i)) * base[i] * out[k - i] for i in range(1, k + 1)) / k)
+    return out
+
+
+@cache
+def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
+    """Coefficients, lowest first, of the polynomials that are 1 at one node and 0 at the others; exact."""
+    nodes = [Fraction(v) for v in x]
+    rows = []
+    for i, a in enumerate(nodes):
+        c = [Fraction(1)]
+        for k, b in enumerate(nodes):
+            if k != i:
+                up, down = [Fraction(0), *c], [*(-b * v for v in c), Fraction(0)]
+                c = [(p + q) / (a - b) for p, q in zip(up, down, strict=True)]
+        rows.append(c)
+    return rows
+
+
+# The bound -----------------------------------------------------------------------------------------------------------
+def bound(r: Rates, alpha: float) -> float:
+    """e(alpha) <= tol with |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same for gl and l1.
+
+    The sum of: 1.5 times the aliasing of the grid; what it leaves out above its end and below its beginning; the
+    rounding of modes that keep one word of state (a sum that leaks with the rate s is wrong by up to 2^-53/s of
+    itself); and 32 roundings.
+
+    Parameters
+    ----------
+    r : Rates
+    alpha : float
+        From 0 to 1.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from stimlib.soe import bound, rates
+    >>> r = rates(1e-10, 1e8)
+    >>> bound(r, 0.05) < 0.1 * bound(r, 0.9) < 1e-11
+    True
+    """
+    e = 1.5 * aliasing(alpha, r.delta) + ROUNDING
+    if alpha == 0:
+        return e
+    top = r.grid[-1] * math.exp(r.delta)
+    return e + _beyond(alpha, top, r.delta) + _lump_error(alpha, r.delta, r.x) + _coarse(r, alpha)
+
+
+def _coarse(r: Rates, alpha: float) -> float:
+    """Rounding of the modes with one word of state: largest sum_k c_k exp(-s_k j) 2^-53/s_k over v_j."""
+    s = r.s[r.fine :]
+    a = min(alpha, 1 - 1e-9)
+    c = _sin(a) * r.delta * s * np.expm1(s) ** (a - 1)
+    j = np.unique(np.floor(np.geomspace(DIRECT, max(r.samples, 100.0), 200)))
+    error = np.exp(-np.outer(j, s)) @ (c / s) * 2.0**-53
+    return float(np.max(error / kernel("gl", a, j)))
+
+
+# Live orders ---------------------------------------------------------------------------------------------------------
+class Live(NamedTuple):
+    """Weights as functions of alpha: modes[k] = g_k a_k exp(alpha (high_k + low_k)), with g = sin(pi alpha)/pi on the grid.
+
+    For the nodes below s0 (the constant first), and for the direct taps, g = (1 - alpha) times a polynomial.
+    """
+
+    a: np.ndarray
+    high: np.ndarray
+    low: np.ndarray
+    poly: np.ndarray  # Chebyshev coefficients, DEGREE + 1 in a row: nodes below s0, then v_0/(1 - alpha)^0, v_j/(1 - alpha)
+
+
+def live(r: Rates, scheme: str) -> Live:
+    """What a live order needs; see ``Live``.
+
+    Parameters
+    ----------
+    r : Rates
+    scheme : {"gl", "l1"}
+
+    Returns
+    -------
+    Live
+    """
+    x = np.array(r.x)
+    if scheme == "gl":
+        inner = np.array([math.expm1(v) for v in r.grid])
+        a = r.delta * r.grid / inner * np.exp(-DIRECT * r.grid)
+    else:
+        inner = r.grid
+        a = r.delta * np.array([-math.expm1(-v) for v in r.grid]) / r.grid * np.exp(-DIRECT * r.grid)
+    logs = [two_words(v) for v in (*[r.s0] * x.size, *inner)]
+    n = DEGREE + 1
+    odd = 2 * np.arange(n) + 1  # nodes at cos(pi odd/2n)
+    cosine = np.array([math.sin(math.pi * (n - k) / (2 * n)) for k in range(2 * n + 1)])
+    turn = np.outer(np.arange(n), odd) % (4 * n)
+    basis = cosine[np.minimum(turn, 4 * n - turn)] * 2 / n
+    rows = []
+    for t in cosine[odd]:
+        alpha = (1 + float(t)) / 2
+        w = weights(r, scheme, alpha)
+        rest = 1 - alpha
+        rows.append([*(v / rest for v in _lump(r, scheme, alpha)), w.taps[0], *(w.taps[1:] / rest)])
+    values = np.array(rows)
+    basis[0] /= 2
+    return Live(
+        np.concatenate([np.exp(-DIRECT * r.s0 * x), a]), np.array([h for h, _ in logs]), np.array([v for _, v in logs]),
+        (basis @ values).T.ravel().copy(),
+    )  # fmt: skip
+
+
+def two_words(v: float) -> tuple[float, float]:
+    """log(v) as a sum of two floats."""
+    exact = Context(prec=40).ln(Decimal(v))
+    high = float(exact)
+    return high, float(exact - Decimal(high))

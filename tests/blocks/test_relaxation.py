@@ -1,0 +1,498 @@
+"""Maxwell arms and Kelvin-Voigt chains against calculus in fifty digits, and the laws that every block keeps."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from laws import assert_same, cut_at, float_words, random_cuts, run, some_sets
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import spring
+from stimlib.blocks.relaxation import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+    creep_compliance,
+    generalized_maxwell,
+    maxwell,
+    maxwell_stiffness,
+    relaxation_modulus,
+    sampled,
+    standard_linear_solid,
+)
+from stimlib.errors import BadValue, UnitError
+
+y, f = Input("y", "m"), Input("f", "N")
+TAUS = [10.0**n for n in range(-12, 13, 2)]
+RATES = [1000.0, 8000.0, 48000.0]
+
+
+def play(block, signal, fs=1000.0, target="numba"):
+    return stimlib.compile(Scene({"out": block}), fs, target).process(np.array([signal], float))[0]
+
+
+def some_motion(n=120, seed=0):
+    """Ramps, holds and jumps, from 0."""
+    rng = np.random.default_rng(seed)
+    steps = rng.standard_normal(n) * rng.choice([0.0, 1e-4, 1.0], n)
+    return np.r_[0.0, np.cumsum(steps)[: n - 1]]
+
+
+# The same in fifty digits: the solution of the differential equation on each straight line -----------------------------
+def exact_arm(signal, fs, k, tau):
+    """f' + f/tau = k y'."""
+    with mp.workdps(50):
+        T, force, out = 1 / mp.mpf(fs), mp.mpf(0), []
+        decay = mp.exp(-T / mp.mpf(tau))
+        previous = signal[0]
+        for v in signal:
+            slope = (mp.mpf(v) - mp.mpf(previous)) / T
+            steady = mp.mpf(k) * mp.mpf(tau) * slope
+            force = steady + (force - steady) * decay
+            out.append(force)
+            previous = v
+        return [float(v) for v in out]
+
+
+def exact_kelvin_voigt(signal, fs, k, tau):
+    """k (y + tau y') = f; before the first sample f is a line from 0."""
+    with mp.workdps(50):
+        T, tau, now, previous, out = 1 / mp.mpf(fs), mp.mpf(tau), mp.mpf(0), mp.mpf(0), []
+        decay = mp.exp(-T / tau)
+        for v in signal:
+            v = mp.mpf(v)
+            slope = (v - previous) / T
+            start = previous - slope * tau  # start + slope t is a solution
+            now = start + slope * T + (now - start) * decay
+            out.append(now / mp.mpf(k))
+            previous = v
+        return [float(v) for v in out]
+
+
+def exact_integral(signal, fs):
+    with mp.workdps(50):
+        total, previous, out = mp.mpf(0), mp.mpf(0), []
+        for v in signal:
+            total += (mp.mpf(v) + previous) / 2 / mp.mpf(fs)
+            previous = mp.mpf(v)
+            out.append(total)
+        return [float(v) for v in out]
+
+
+def close(got, wanted, tol=4e-16):
+    np.testing.assert_allclose(got, wanted, rtol=0, atol=tol * np.abs(wanted).max())
+
+
+# One time constant -----------------------------------------------------------------------------------------------------
+def test_what_a_time_constant_becomes_is_right_to_rounding():
+    for a in [0.0, *np.geomspace(1e-300, 1e300, 301), *np.geomspace(0.1, 10, 101)]:
+        got = sampled(float(a))
+        with mp.workdps(640):
+            x = mp.mpf(float(a))
+            e = 1 - mp.exp(-x)
+            g = e / x if x else mp.mpf(1)
+            for v, wanted in zip(got, (e, g, 1 - g), strict=True):
+                assert abs(mp.mpf(v) - wanted) <= 6e-16 * wanted, (a, v)
+
+
+@pytest.mark.parametrize("fs", RATES)
+@pytest.mark.parametrize("tau", TAUS)
+def test_an_arm_is_exact_for_straight_lines(fs, tau):
+    signal = some_motion()
+    k = 3.7
+    wanted = np.array(exact_arm(signal, fs, k, tau))
+    close(play(maxwell(y, k, tau=tau), signal, fs), wanted, 2e-15)
+    if tau <= 1e-6:  # (2.3): a damper
+        np.testing.assert_allclose(
+            wanted, k * tau * np.diff(signal, prepend=0.0) * fs, rtol=0, atol=4 * tau * fs * max(abs(wanted))
+        )
+    if tau >= 1e6:  # (2.4): a spring
+        close(wanted, k * signal, 1e-5)
+
+
+@pytest.mark.parametrize("fs", RATES)
+@pytest.mark.parametrize("tau", TAUS)
+def test_creep_is_exact_for_straight_lines(fs, tau):
+    signal, k = some_motion(seed=1), 3.7
+    wanted = np.array(exact_kelvin_voigt(signal, fs, k, tau))
+    close(play(compliance_kelvin_voigt(f, k, tau=tau), signal, fs), wanted, 2e-15)
+    close(play(compliance_kelvin_voigt(f, k, b=k * tau), signal, fs), wanted, 2e-15)
+    flow = signal / k + np.array(exact_integral(signal, fs)) / (k * tau)
+    close(play(compliance_maxwell(f, k, tau=tau), signal, fs), flow, 2e-15)
+
+
+@pytest.mark.parametrize("fs", RATES)
+def test_limits_hold_at_the_ends_of_the_range(fs):
+    """Paper 001, eqs. (2.3), (2.4), and their duals."""
+    signal = some_motion(seed=2)
+    speed = np.diff(signal, prepend=0.0) * fs
+    way = np.array(exact_integral(signal, fs))
+    close(play(maxwell(y, 5.0 / 1e-30, b=5.0), signal, fs), 5.0 * speed, 1e-15)
+    close(play(maxwell(y, 5.0, tau=1e30), signal, fs), 5.0 * signal, 1e-15)
+    close(play(maxwell(y, 5.0, tau=1e308), signal, fs), 5.0 * signal, 1e-15)
+    close(play(compliance_kelvin_voigt(f, 5.0, tau=1e-30), signal, fs), signal / 5, 1e-15)
+    close(play(compliance_kelvin_voigt(f, 5e-30, b=5.0), signal, fs), way / 5, 1e-15)
+
+
+@pytest.mark.parametrize("tau", [1.0, 1e3, 1e6, 1e9, 1e12])
+def test_a_long_hold_relaxes_by_the_clock(tau):
+    """A leak of 1e-17 of the state a sample is not lost: 20 s at 48 kHz."""
+    fs, n = 48000.0, 960_000
+    signal = np.zeros(n)
+    signal[1:] = 0.02
+    one = play(maxwell(y, 100.0, tau=tau), signal, fs)
+    t = np.arange(n - 1) / fs
+    wanted = one[1] * np.exp(-t / tau)
+    assert np.abs(one[1:] / wanted - 1).max() < 3e-16 + 2e-16 * t[-1] / tau + (1e-15 if tau <= 1 else 0)
+    lost = (one[1] - one[-1]) / one[1]
+    assert lost == pytest.approx(-np.expm1(-t[-1] / tau), rel=1e-10, abs=2e-16)
+    crept = play(compliance_kelvin_voigt(f, 100.0, tau=tau), signal, fs)
+    first = (crept[1] - 0.02 / 100) / (-0.02 / 100)
+    np.testing.assert_allclose(crept[1:], 0.02 / 100 * (1 - first * np.exp(-t / tau)), rtol=0, atol=1e-15 * 0.02 / 100)
+    if tau >= 1e3:
+        np.testing.assert_allclose(crept[-1], 0.02 / 100 * (t[-1] + 0.5 / fs) / tau, rtol=0.01)
+
+
+# Many ------------------------------------------------------------------------------------------------------------------
+ARMS = [(50.0, 1e-5), (20.0, 1e-3), (30.0, 0.01), (10.0, 0.1), (5.0, 0.7), (4.0, 3.0), (2.0, 20.0), (9.0, 1e3), (1.0, 1e9)]
+
+
+@pytest.mark.parametrize("fs", RATES)
+def test_a_generalized_maxwell_model_is_the_sum_of_its_parts(fs):
+    signal = some_motion(seed=3) + 0.5
+    wanted = 70.0 * signal + sum(np.array(exact_arm(signal, fs, k, tau)) for k, tau in ARMS)
+    close(play(generalized_maxwell(y, 70.0, ARMS), signal, fs), wanted, 1e-15)
+    parts = spring(y, 70.0)
+    for k, tau in ARMS:
+        parts = parts + maxwell(y, k, tau=tau)
+    close(play(parts, signal, fs), wanted, 1e-15)
+    close(play(standard_linear_solid(y, 70.0, *ARMS[3]), signal, fs), 70 * signal + exact_arm(signal, fs, *ARMS[3]), 1e-15)
+
+
+@pytest.mark.parametrize("fs", RATES)
+def test_a_chain_is_the_sum_of_its_elements(fs):
+    signal = some_motion(seed=4)
+    wanted = signal / 70 + np.array(exact_integral(signal, fs)) / 2e-3
+    wanted = wanted + sum(np.array(exact_kelvin_voigt(signal, fs, k, tau)) for k, tau in ARMS)
+    chain = compliance_generalized_kelvin_voigt(f, ARMS, k0=70.0, b=2e-3)
+    close(play(chain, signal, fs), wanted, 1e-15)
+
+
+def test_arms_with_plain_numbers_are_one_bank():
+    plan = stimlib.compile(Scene({"f": generalized_maxwell(y, 70.0, ARMS)}), 1000).program.instances
+    assert sorted(type(q.block).__name__ for q in plan if q.kind == "block") == ["Add", "Guard", "MaxwellArms", "Mul"]
+    one = stimlib.compile(Scene({"f": maxwell(y, 70.0, 1.0)}), 1000).program.instances
+    assert sorted(type(q.block).__name__ for q in one if q.kind == "block") == ["Guard", "MaxwellArms"]
+
+
+def test_force_and_displacement_are_duals():
+    """What an arm answers to a motion, put on its compliance, is that motion again: order T, and none for slow arms."""
+    fs = 8000.0
+    t = np.arange(16000) / fs
+    motion = 0.01 * (1 - np.cos(2 * np.pi * 1.5 * t))
+    for tau in (0.01, 0.3, 5.0):
+        force = play(maxwell(y, 80.0, tau=tau), motion, fs)
+        close(play(compliance_maxwell(f, 80.0, tau=tau), force, fs), motion, 1e-5)
+
+
+# Live gains ------------------------------------------------------------------------------------------------------------
+def test_a_live_stiffness_scales_a_unit_arm():
+    signal = some_motion(seed=5)
+    k = Param("k", 12.0, "N/m")
+    scene = Scene({"f": maxwell(y, k, tau=0.02), "g": generalized_maxwell(y, k, [(k, 0.02), (7.0, 0.1), (3.0, 0.4)])})
+    scene = Scene({**scene.outputs, "x": compliance_kelvin_voigt(f, k, tau=0.02), "z": compliance_maxwell(f, k, tau=0.02)})
+    proc = stimlib.compile(scene, 1000.0)
+    assert proc.units["f"] == proc.units["g"] == "N" and proc.units["x"] == proc.units["z"] == "m"
+    out = proc.process(np.array([signal, signal]))
+    arm, creep = exact_arm(signal, 1000.0, 12.0, 0.02), exact_kelvin_voigt(signal, 1000.0, 12.0, 0.02)
+    close(out[0], np.array(arm), 1e-15)
+    others = np.array(exact_arm(signal, 1000.0, 7.0, 0.1)) + exact_arm(signal, 1000.0, 3.0, 0.4)
+    close(out[1], 12.0 * signal + arm + others, 1e-15)
+    close(out[2], np.array(creep), 1e-15)
+    close(out[3], signal / 12 + np.array(exact_integral(signal, 1000.0)) / 0.24, 2e-15)
+    proc.reset()
+    proc.set("k", 24.0, ramp=0.0)
+    close(proc.process(np.array([signal, signal]))[0], 2 * out[0], 1e-15)
+
+
+# Onset and contact -----------------------------------------------------------------------------------------------------
+def test_onset_rest_and_step():
+    signal = some_motion(seed=6) + 0.3
+    close(play(maxwell(y, 5.0, tau=0.05), signal), play(maxwell(y, 5.0, tau=0.05), signal - 0.3), 1e-12)
+    stepped = play(maxwell(y, 5.0, tau=0.05, onset="step"), signal)
+    close(stepped, play(maxwell(y, 5.0, tau=0.05), np.r_[0.0, signal])[1:], 1e-15)
+    assert play(maxwell(y, 5.0, tau=0.05), np.full(2000, 0.3)).any() == False  # noqa: E712
+
+
+def test_a_held_position_is_silent_and_so_is_the_end_of_a_relaxation():
+    proc = stimlib.compile(Scene({"f": maxwell(y, 5.0, tau=1e-3)}), 8000.0)
+    proc.process(np.random.default_rng(0).standard_normal((1, 100)))
+    assert not proc.process(np.full((1, 20000), 0.2))[0, -1000:].any()
+    v = np.abs(proc.state[float_words(proc)].view(np.float64))
+    assert np.all((v == 0) | (v > 1e-300))
+
+
+@pytest.mark.parametrize("onset", ["rest", "step"])
+def test_contact_starts_anew(onset):
+    touch = Input("c")
+    part = some_motion(200, seed=7) + 0.4
+    rest = generalized_maxwell(y, 3.0, [(5.0, 0.05), (2.0, 1.0)], onset="rest")
+    first = generalized_maxwell(y, 3.0, [(5.0, 0.05), (2.0, 1.0)], onset=onset)
+    block = generalized_maxwell(y, 3.0, [(5.0, 0.05), (2.0, 1.0)], onset=onset, contact=touch)
+    x = np.concatenate([np.full(30, 9.9), part, np.full(40, -3.0), part])
+    c = np.concatenate([np.zeros(30), np.ones(200), np.zeros(40), np.ones(200)])
+    proc = stimlib.compile(Scene({"f": block}), 1000.0)
+    out = proc.process(np.array([{"y": x, "c": c}[name] for name in proc.inputs]))[0]
+    assert not out[:30].any() and not out[230:270].any()
+    assert_same(out[30:230], play(first, part), "first contact")
+    assert_same(out[270:], play(rest, part), "second contact")
+
+
+# Laws ------------------------------------------------------------------------------------------------------------------
+k_live = Param("k", 1.5, "N/m")
+CASES = {
+    "arm": (maxwell(y, 5.0, 0.1), "y"),
+    "many": (generalized_maxwell(y, 70.0, ARMS), "y"),
+    "step": (standard_linear_solid(y, k_live, k_live, 0.02, onset="step"), "y"),
+    "contact": (generalized_maxwell(y, 1.0, [(2.0, 0.01), (k_live, 0.1)], contact=Input("c") > 0.0), "yc"),
+    "creep": (compliance_kelvin_voigt(f, 3.0, 0.2), "f"),
+    "flow": (compliance_maxwell(f, k_live, tau=0.01), "f"),
+    "chain": (compliance_generalized_kelvin_voigt(f, ARMS, k0=50.0, b=0.4), "f"),
+}
+
+
+@pytest.mark.parametrize("fs", [1000.0, 48000.0])
+@pytest.mark.parametrize("name", CASES)
+def test_cuts_targets_and_states(name, fs):
+    """Laws 1, 2, 3."""
+    scene, n = Scene({"out": CASES[name][0]}), 500
+    fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
+    rng = np.random.default_rng(8)
+    motion = {"y": some_motion(n, 8), "f": some_motion(n, 9), "c": np.repeat(rng.choice([-1.0, 1.0], n // 20 + 1), 20)[:n]}
+    x = np.array([motion[i] for i in fast.inputs])
+    sets = some_sets(fast, n, rng)
+    wanted = run(fast, x, (), sets)
+    assert np.any(wanted)
+    end = fast.state
+    for cuts in (cut_at(n, 1), cut_at(n, 7), cut_at(n, 64), random_cuts(n, rng)):
+        fast.reset()
+        assert_same(run(fast, x, cuts, sets), wanted, "cut")
+        assert_same(fast.state, end, "state")
+    assert_same(run(slow, x, (13, 64, 200), sets), wanted, "reference")
+    assert_same(slow.state, end, "state of the reference")
+    fast.reset()
+    run(fast, x[:, :217].copy(), (), [s for s in sets if s.at < 217])
+    middle = fast.state
+    slow.reset()
+    slow.state = middle
+    late = [type(s)(s.at - 217, s.name, s.value, s.ramp) for s in sets if s.at >= 217]
+    assert_same(run(slow, x[:, 217:].copy(), (), late), wanted[:, 217:], "snapshot")
+
+
+@pytest.mark.parametrize("name", ["arm", "many", "creep", "chain"])
+def test_response_is_that_of_the_samples(name):
+    """An impulse, and the law behind the spectrum of a triangle, with all its aliases."""
+    fs, n = 1000.0, 1 << 12
+    block, signal = CASES[name][0], CASES[name][1]
+    proc = stimlib.compile(Scene({"out": block}), fs)
+    z = 0.99  # the slow ones never settle: damp the impulse's answer, which is a response off the unit circle
+    h = np.zeros((1, n + 8))
+    h[0, 8] = 1.0
+    h = proc.process(h)[0, 8:] * z ** np.arange(n)
+    freq = np.fft.rfftfreq(n, 1 / fs)
+    got = np.fft.rfft(h)
+    i, (p, _) = next((i, d) for i, d in enumerate(proc.design) if hasattr(d[0], "e"))
+    at = np.exp(2j * np.pi * freq / fs) / z
+    said = type(proc.program.instances[i].block).transfer(p, at) + (70.0 if name == "many" else 0.0)
+    np.testing.assert_allclose(got, said, rtol=0, atol=1e-11 * np.abs(said).max())
+    w = 2 * np.pi * np.array([0.5, 3.0, 7.0])
+    law = {
+        "arm": lambda s: 5.0 * s * 0.02 / (1 + s * 0.02),
+        "many": lambda s: 70.0 + sum(k * s * tau / (1 + s * tau) for k, tau in ARMS),
+        "creep": lambda s: 1 / (3.0 + 0.2 * s),
+        "chain": lambda s: 1 / 50 + 1 / (0.4 * s) + sum(1 / (k * (1 + s * tau)) for k, tau in ARMS),
+    }[name]
+    aliases = np.arange(-2000, 2001)
+    g = w[:, None] / 2 / np.pi + aliases * fs
+    wanted = np.sum(np.sinc(g / fs) ** 2 * law(2j * np.pi * g), axis=1)
+    np.testing.assert_allclose(
+        proc.response("out", signal, w / 2 / np.pi), wanted, rtol=2e-3 if name in ("arm", "many") else 1e-6
+    )
+
+
+def test_transfer_is_the_arm_at_low_frequencies():
+    """Eqs. (2.5), (2.6): storage and loss to 1e-6 at a thousandth of the sample rate, with the delay that the block tells."""
+    for tau in (1e-6, 1e-3, 0.1, 10.0, 1e12):
+        proc = stimlib.compile(Scene({"f": maxwell(y, 200.0, tau=tau)}), 8000.0)
+        freq = np.array([0.01, 0.1, 1.0])
+        law = maxwell_stiffness(200.0, tau, 2 * np.pi * freq).complex
+        late = proc.latency["f", "y"][0]
+        assert 0 <= late <= 0.5
+        got = proc.response("f", "y", freq) * np.exp(2j * np.pi * freq * late / 8000)
+        np.testing.assert_allclose(got, law, rtol=1e-6 if tau < 1e-2 else 2e-4)
+    fast, slow = (stimlib.compile(Scene({"f": maxwell(y, 1.0, tau=v)}), 8000.0).latency["f", "y"][0] for v in (1e-12, 1e12))
+    assert fast == pytest.approx(0.5, abs=1e-6) and slow == pytest.approx(0, abs=1e-6)
+    assert stimlib.compile(Scene({"f": generalized_maxwell(y, 1.0, ARMS)}), 8000.0).latency["f", "y"][0] == 0.0
+
+
+def test_response_at_0_hz():
+    zero = np.zeros(1)
+    for block, source, wanted in (
+        (maxwell(y, 2.0, tau=1.0), "y", 0.0),
+        (maxwell(y, 2.0, tau=1e308), "y", 2.0),
+        (compliance_kelvin_voigt(f, 2.0, tau=1.0), "f", 0.5),
+    ):
+        assert stimlib.compile(Scene({"out": block}), 1000.0).response("out", source, zero)[0] == pytest.approx(wanted)
+    flow = compliance_maxwell(f, 2.0, tau=1.0)
+    assert abs(stimlib.compile(Scene({"out": flow}), 1000.0).response("out", "f", zero)[0]) > 1e250
+
+
+# Closed forms ----------------------------------------------------------------------------------------------------------
+def test_a_fast_ramp_relaxes_along_the_modulus_and_a_slow_one_does_not():
+    """Fig. 1.1a."""
+    fs, arms = 8000.0, [(50.0, 0.3), (20.0, 0.05)]
+    t = np.arange(16000) / fs
+    fast = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / (1 / fs), 1), fs)
+    held = t[1:]
+    np.testing.assert_allclose(fast[1:], 0.01 * relaxation_modulus(held - 0.5 / fs, 30.0, arms), rtol=1e-6)
+    slow = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / 1.5, 1), fs)
+    assert fast.max() > 0.99 and slow.max() < 0.43  # of 1 N, 0.3 N in the end
+    assert fast[-1] == pytest.approx(0.3, rel=3e-3)
+    np.testing.assert_allclose(slow[-1], 0.3, rtol=0.25)
+
+
+def test_a_load_creeps_along_the_compliance_and_recovers():
+    """Fig. 1.1b: by superposition, what is loaded at 0 and released at 1 s."""
+    fs, elements = 8000.0, [(50.0, 0.3), (20.0, 0.05)]
+    t = np.arange(24000) / fs
+    load = ((t > 0) & (t <= 1.0)).astype(float)
+    got = play(compliance_generalized_kelvin_voigt(f, elements, k0=100.0), load, fs)
+    up, down = t - 0.5 / fs, t - 1.0 - 0.5 / fs
+    wanted = np.where(up > 0, creep_compliance(np.maximum(up, 0), 100.0, elements), 0.0)
+    wanted -= np.where(down > 0, creep_compliance(np.maximum(down, 0), 100.0, elements), 0.0)
+    np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-6 * wanted.max())
+    assert got[-1] < 2e-3 * got.max()
+
+
+def talbot(F, t):
+    with mp.workdps(30):
+        return float(mp.invertlaplace(F, t, method="talbot"))
+
+
+def mittag_leffler(alpha, beta, z):
+    """sum z^k/Gamma(alpha k + beta), with digits to spare for the cancellation."""
+    with mp.workdps(80):
+        return float(mp.fsum(mp.mpf(z) ** k * mp.rgamma(mp.mpf(alpha) * k + beta) for k in range(1200)))
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
+def test_closed_forms_are_laplace_transforms_of_the_laws(alpha):
+    """Relaxation is k_C(s)/s, creep 1/(s k_C(s)), by numbers; with a springpot beside or in the chain."""
+    t, chi, arms = np.array([0.03, 0.4, 2.0]), 40.0, [(50.0, 0.3), (20.0, 0.05)]
+
+    def stiffness(s):
+        return 30 + sum(k * s * tau / (1 + s * tau) for k, tau in arms) + chi * s**alpha
+
+    def compliance(s):
+        return mp.mpf(1) / 30 + 1 / (7 * s) + sum(1 / (k * (1 + s * tau)) for k, tau in arms) + 1 / (chi * s**alpha)
+
+    got = relaxation_modulus(t, 30.0, arms, (chi, alpha))
+    np.testing.assert_allclose(got, [talbot(lambda s: stiffness(s) / s, v) for v in t], rtol=1e-9)
+    got = creep_compliance(t, 30.0, arms, 7.0, (chi, alpha))
+    np.testing.assert_allclose(got, [talbot(lambda s: compliance(s) / s, v) for v in t], rtol=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [0.2, 0.5, 0.8, 1.0])
+def test_fractional_arms_end_in_the_closed_forms(alpha):
+    """A springpot in series with a spring relaxes as k E_a(-k t^a/chi); at a = 1 that is the Maxwell arm."""
+    k, chi = 5.0, 2.0
+    for t in (0.01, 0.1, 0.5):
+        series = talbot(lambda s: k * chi * s**alpha / (k + chi * s**alpha) / s, t)
+        assert series == pytest.approx(k * mittag_leffler(alpha, 1, -k * t**alpha / chi), rel=1e-9)
+        beside = talbot(lambda s: 1 / (k + chi * s**alpha) / s, t)  # fractional Kelvin-Voigt, creep
+        assert beside == pytest.approx((1 - mittag_leffler(alpha, 1, -k * t**alpha / chi)) / k, rel=1e-9)
+        if alpha == 1.0:
+            assert series == pytest.approx(relaxation_modulus(t, 0.0, [(k, chi / k)]), rel=1e-9)
+            assert beside == pytest.approx(creep_compliance(t, elements=[(k, chi / k)]), rel=1e-9)
+
+
+def test_stiffness_of_an_arm():
+    w = np.r_[0.0, np.geomspace(1e-200, 1e200, 41)]
+    s = maxwell_stiffness(3.0, 0.5, w)
+    with mp.workdps(500):
+        for i, v in enumerate(w):
+            x = 1j * mp.mpf(v) * mp.mpf(0.5)
+            law = 3 * x / (1 + x)
+            assert abs(s.magnitude[i] - abs(law)) <= 1e-15 * abs(law)
+            assert abs(s.storage[i] - law.real) <= 1e-15 * law.real + mp.mpf(1e-300)
+            assert abs(s.loss[i] - law.imag) <= 1e-15 * law.imag
+            assert s.complex[i] == complex(s.storage[i], s.loss[i])
+    np.testing.assert_allclose(s.phase[1:], np.arctan(1 / (0.5 * w[1:])), rtol=1e-14)
+    assert s.phase[0] == np.pi / 2
+
+
+# What is refused ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: maxwell(y, 5.0),
+        lambda: maxwell(y, 5.0, 1.0, tau=1.0),
+        lambda: maxwell(y, 0.0, 1.0),
+        lambda: maxwell(y, 5.0, 0.0),
+        lambda: maxwell(y, 5.0, np.nan),
+        lambda: maxwell(y, 5.0, tau=np.inf),
+        lambda: maxwell(y, 5.0, tau=-1.0),
+        lambda: maxwell(y, 5.0, tau=Param("tau", 1.0, "s")),
+        lambda: maxwell(y, 5.0, Param("b", 1.0, "N*s/m")),
+        lambda: maxwell(y, Param("k", 1.0, "N/m"), 5.0),
+        lambda: maxwell(y, 1e-300, 1e300),
+        lambda: maxwell(y, 5.0, 1.0, onset="now"),
+        lambda: generalized_maxwell(y, 1.0, []),
+        lambda: generalized_maxwell(y, 1.0, [(1.0, 2.0, 3.0)]),
+        lambda: generalized_maxwell(y, -1.0, [(1.0, 2.0)]),
+        lambda: generalized_maxwell(y, 1.0, [(1.0, 0.0)]),
+        lambda: generalized_maxwell(y, 1.0, [(-1.0, 1.0)]),
+        lambda: generalized_maxwell(y, 1.0, [(1.0, np.inf)]),
+        lambda: compliance_maxwell(f, 1.0),
+        lambda: compliance_maxwell(f, -1.0, 1.0),
+        lambda: compliance_kelvin_voigt(f, 0.0, 1.0),
+        lambda: compliance_kelvin_voigt(f, 1.0, 1.0, tau=1.0),
+        lambda: compliance_generalized_kelvin_voigt(f, []),
+        lambda: compliance_generalized_kelvin_voigt(f, [(1.0,)]),
+        lambda: compliance_generalized_kelvin_voigt(f, [(1.0, -1.0)]),
+        lambda: compliance_generalized_kelvin_voigt(f, [(Param("k", 1.0, "N/m"), 1.0)]),
+        lambda: compliance_generalized_kelvin_voigt(f, [(1.0, 1.0)], k0=0.0),
+        lambda: compliance_generalized_kelvin_voigt(f, [(1.0, 1.0)], b=-1.0),
+        lambda: maxwell_stiffness(1.0, 1.0, [-1.0]),
+        lambda: maxwell_stiffness(0.0, 1.0, 1.0),
+        lambda: relaxation_modulus([-1.0]),
+        lambda: relaxation_modulus([1.0], arms=[(1.0, 0.0)]),
+        lambda: relaxation_modulus([1.0], springpot=(1.0, 1.5)),
+        lambda: creep_compliance([1.0], k0=0.0),
+        lambda: creep_compliance([1.0], b=np.nan),
+        lambda: creep_compliance([1.0], springpot=(0.0, 0.5)),
+    ],
+)
+def test_numbers_that_make_no_sense(make):
+    with pytest.raises(BadValue):
+        make()
+
+
+def test_units_that_do_not_fit():
+    for make in (
+        lambda: maxwell(Input("v", "m/s"), 1.0, 1.0),
+        lambda: maxwell(Input("x"), 1.0, 1.0),
+        lambda: maxwell(y, Param("k", 1.0), tau=1.0),
+        lambda: generalized_maxwell(y, constant(1.0, "N*s/m"), [(1.0, 1.0)]),
+        lambda: compliance_maxwell(y, 1.0, 1.0),
+        lambda: compliance_kelvin_voigt(f, Param("k", 1.0, "N*s/m"), tau=1.0),
+    ):
+        with pytest.raises(UnitError):
+            make()
+
+
+def test_a_scene_file_keeps_every_bit(tmp_path):
+    scene = Scene({"f": CASES["many"][0], "x": CASES["chain"][0]})
+    scene.save(tmp_path / "s.json")
+    x = np.array([some_motion(200, 1), some_motion(200, 2)])
+    assert_same(stimlib.compile(stimlib.load(tmp_path / "s.json"), 8000).process(x), stimlib.compile(scene, 8000).process(x))

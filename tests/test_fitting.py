@@ -1,0 +1,350 @@
+"""Fits: exact answers at uneven times, known materials found again, recorded tissue, and what is refused."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks.relaxation import generalized_maxwell, relaxation_modulus
+from stimlib.errors import BadValue, SinkError
+from stimlib.fitting import (
+    MaxwellFit,
+    SpringpotFit,
+    fit_generalized_maxwell,
+    fit_springpot,
+    maxwell_force,
+    springpot_force,
+    thin,
+)
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+MUSCLE = [f"Avg{c}_{r}" for c in ("Relaxed", "pCa4p4") for r in ("0p1s", "1s", "10s", "100s")]
+RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}
+recorded = pytest.mark.skipif(not DATA.is_dir(), reason="no recorded tissue beside the repository, in ../shared/data")
+
+
+def uneven(n=40, seed=0):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(10.0 ** rng.uniform(-4, 1, n)) - 5.0
+    return t, np.where(rng.random(n) < 0.3, 0.0, rng.standard_normal(n)).cumsum()
+
+
+def a_test(n=80, last=100.0):
+    """A ramp of 0.2 s and a hold, log-spaced."""
+    t = np.r_[0.0, np.geomspace(1e-3, last, n)]
+    return t, np.minimum(0.05 * t, 0.01)
+
+
+# The exact answers -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0])
+def test_a_springpot_at_uneven_times(alpha, onset):
+    """In forty digits: the sum of powers, as it stands."""
+    t, y = uneven()
+    got = springpot_force(t, y, 3.0, alpha, onset=onset)
+    with mp.workdps(40):
+        b = 1 - mp.mpf(alpha)
+        for n in range(1, t.size):
+            since = [mp.mpf(t[n]) - mp.mpf(v) for v in t[: n + 1]]
+            force = mp.mpf(0)
+            for i in range(n):
+                slope = (mp.mpf(y[i + 1]) - mp.mpf(y[i])) / (since[i] - since[i + 1])
+                late = since[i + 1] ** b if since[i + 1] else mp.mpf(0)
+                force += slope * (since[i] ** b - late) * mp.rgamma(1 + b)
+            if onset == "step":
+                force += mp.mpf(y[0]) * since[0] ** (-mp.mpf(alpha)) * mp.rgamma(b)
+            assert got[n] == pytest.approx(float(3 * force), rel=1e-11, abs=1e-12)
+
+
+def test_a_short_ramp_long_ago_keeps_its_digits():
+    """1 us of motion, a day ago."""
+    t = np.array([0.0, 1e-6, 86400.0])
+    with mp.workdps(40):
+        far, end = mp.mpf(t[2]), mp.mpf(t[2]) - mp.mpf(t[1])
+        wanted = float((far ** mp.mpf(0.9) - end ** mp.mpf(0.9)) / mp.mpf(t[1]) / mp.gamma(mp.mpf(1.9)))
+    force = springpot_force(t, np.array([0.0, 1.0, 1.0]), 1.0, 0.1)[-1]
+    assert force == pytest.approx(wanted, rel=1e-11)
+    assert force == pytest.approx(relaxation_modulus(86400.0, springpot=(1.0, 0.1)), rel=1e-9)
+
+
+@pytest.mark.parametrize("onset", ["rest", "step"])
+def test_maxwell_arms_at_uneven_times(onset):
+    t, y = uneven(seed=1)
+    arms = [(2.0, 1e-5), (3.0, 0.3), (1.0, 50.0), (4.0, 1e9)]
+    got = maxwell_force(t, y, 7.0, arms, onset=onset)
+    for n in (1, 5, 20, 39):
+        with mp.workdps(40):
+            force = 7 * mp.mpf(y[n])
+            for k, tau in arms:
+                since = [mp.mpf(t[n]) - mp.mpf(v) for v in t[: n + 1]]
+                for i in range(n):
+                    slope = (mp.mpf(y[i + 1]) - mp.mpf(y[i])) / (since[i] - since[i + 1])
+                    force += k * tau * slope * (mp.exp(-since[i + 1] / tau) - mp.exp(-since[i] / tau))
+                if onset == "step":
+                    force += k * mp.mpf(y[0]) * mp.exp(-since[0] / tau)
+            assert got[n] == pytest.approx(float(force), rel=1e-13)
+
+
+def test_a_fit_and_a_block_mean_the_same_material():
+    fs, n = 1000.0, 3000
+    t = np.arange(n) / fs
+    y = 0.01 * np.sin(7 * t) ** 2
+    arms = [(50.0, 0.02), (30.0, 1.5)]
+    proc = stimlib.compile(Scene({"f": generalized_maxwell(Input("y", "m"), 100.0, arms)}), fs)
+    np.testing.assert_allclose(proc.process(y[None])[0], maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-14)
+    fit = fit_springpot(t[::30], y[::30], springpot_force(t[::30], y[::30], 200.0, 0.3))
+    scene = Scene({"f": fit.block(Input("y", "m"), scheme="l1", tol=1e-12)})
+    got = stimlib.compile(scene, fs).process(y[None])[0]
+    np.testing.assert_allclose(got, springpot_force(t, y, 200.0, 0.3), rtol=0, atol=1e-9 * np.abs(got).max())
+    fit = fit_generalized_maxwell(t[::30], y[::30], maxwell_force(t[::30], y[::30], 100.0, arms), arms=2)
+    assert fit.arms == pytest.approx([pytest.approx(a, rel=1e-6) for a in arms])
+    got = stimlib.compile(Scene({"f": fit.block(Input("y", "m"))}), fs).process(y[None])[0]
+    np.testing.assert_allclose(got, maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-9)
+
+
+# Known materials -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("alpha", [0.01, 0.1, 0.3, 0.6, 0.9, 0.99])
+def test_a_springpot_is_found_again(alpha, onset):
+    t, y = a_test()
+    y = y + (0.004 if onset == "step" else 0.0)
+    f = springpot_force(t, y, 1e-6, alpha, onset=onset)  # of any size
+    f[0] = 0.0
+    fit = fit_springpot(t, y, f, onset=onset)
+    assert fit.chi == pytest.approx(1e-6, rel=1e-8) and fit.alpha == pytest.approx(alpha, abs=1e-9)
+    assert fit.relative_error < 1e-8
+    assert np.array_equal(fit.used, np.arange(t.size) > 0)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1.0])
+def test_a_spring_and_a_dashpot_are_at_the_ends(alpha):
+    t = np.linspace(0, 1, 50)
+    y = np.sin(3 * t)
+    fit = fit_springpot(t, y, springpot_force(t, y, 5.0, alpha), sigma="absolute")
+    assert fit.chi == pytest.approx(5.0, rel=1e-6) and fit.alpha == pytest.approx(alpha, abs=1e-6)
+    assert 0 <= fit.intervals["alpha"][0] <= fit.alpha <= fit.intervals["alpha"][1] <= 1
+
+
+@pytest.mark.parametrize("spring", [True, False])
+def test_maxwell_arms_are_found_again(spring):
+    t, y = a_test()
+    arms, k0 = [(80.0, 0.06), (50.0, 1.0), (20.0, 15.0)], 40.0 * spring
+    fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, k0, arms), arms=3, spring=spring)
+    assert fit.k0 == pytest.approx(k0, rel=1e-6)
+    for got, wanted in zip(fit.arms, arms, strict=True):
+        assert got == pytest.approx(wanted, rel=1e-5)
+    assert ("k0" in fit.values) == spring
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """95 %, of noise as the fit takes it to be."""
+    t, y = a_test(60)
+    rng = np.random.default_rng(5)
+    clean, arm = springpot_force(t, y, 300.0, 0.2), maxwell_force(t, y, 100.0, [(200.0, 2.0)])
+    held = {"chi": 0, "alpha": 0, "k0": 0, "k1": 0, "tau1": 0}
+    truth = {"chi": 300.0, "alpha": 0.2, "k0": 100.0, "k1": 200.0, "tau1": 2.0}
+    runs = 200
+    for _ in range(runs):
+        noise = 1 + 0.02 * rng.standard_normal(t.size)
+        fits = fit_springpot(t, y, clean * noise), fit_generalized_maxwell(t, y, arm * noise, arms=1)
+        for fit in fits:
+            for name, (low, high) in fit.intervals.items():
+                held[name] += low <= truth[name] <= high
+    assert all(0.90 * runs <= n <= 0.99 * runs for n in held.values()), held
+
+
+def test_what_a_recording_does_not_tell_has_no_bounds():
+    t, y = a_test(40, last=1.0)
+    fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1)]), arms=2)
+    assert fit.relative_error < 1e-6
+    assert any(np.isinf(high) or high > 1e3 * fit.values[name] for name, (_, high) in fit.intervals.items())
+
+
+def test_the_same_input_gives_the_same_bits_and_stays_as_it_is():
+    t, y = a_test()
+    f = springpot_force(t, y, 300.0, 0.2) * (1 + 0.01 * np.random.default_rng(3).standard_normal(t.size))
+    kept = t.copy(), y.copy(), f.copy()
+    one, two = (fit_generalized_maxwell(t, y, f, arms=2) for _ in range(2))
+    assert one.values == two.values and one.intervals == two.intervals
+    for a, b in zip((t, y, f), kept, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_errors_are_measured_as_asked():
+    t, y = a_test()
+    f = springpot_force(t, y, 300.0, 0.2)
+    f[40:] *= 1.1  # wrong late, where the force is small
+    relative, absolute = fit_springpot(t, y, f), fit_springpot(t, y, f, sigma="absolute")
+    assert relative.relative_error < absolute.relative_error
+    assert np.sum(absolute.residual**2) < np.sum(relative.residual**2)
+    by_hand = fit_springpot(t, y, f, sigma=np.where(f == 0, 1.0, 3 * f), where=f > 0)
+    assert by_hand.values == pytest.approx(relative.values, rel=1e-7)
+    assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-6)
+    some = fit_springpot(t, y, f, where=np.arange(t.size) >= 40)
+    assert some.used.sum() == t.size - 40 and some.relative.size == t.size - 40 and some.fitted.shape == t.shape
+    assert some.largest_relative_error >= some.relative_error
+
+
+# Averages --------------------------------------------------------------------------------------------------------------
+def test_bins_keep_the_mean_and_every_decade():
+    t = np.arange(200_000) / 5000
+    y, f = np.minimum(t, 0.5), np.cos(t)
+    short, ys, fs = thin(t, y, f, start=0.5, per_decade=20, before=100)
+    assert short.size == ys.size == fs.size < 200
+    assert np.all(np.diff(short) > 0) and short[0] >= 0 and short[-1] <= t[-1]
+    np.testing.assert_allclose(ys, np.minimum(short, 0.5), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.sum(short <= 0.5), 100)
+    assert np.sum((short > 5.5) & (short <= 10.5)) in (6, 7)  # 20 log10(2)
+    one, two = thin(t[:5], y[:5], start=0.0, per_decade=1000)
+    np.testing.assert_array_equal(one, t[:5])
+    np.testing.assert_array_equal(two, y[:5])
+
+
+# Recorded tissue -------------------------------------------------------------------------------------------------------
+# chi, alpha, percent rms of the hold
+SEEN = {
+    "AvgRelaxed_0p1s": (45.7, 0.089, 4.7), "AvgRelaxed_1s": (43.3, 0.085, 3.7), "AvgRelaxed_10s": (48.2, 0.103, 1.8),
+    "AvgRelaxed_100s": (63.0, 0.141, 1.1), "AvgpCa4p4_0p1s": (111.9, 0.164, 5.3), "AvgpCa4p4_1s": (102.9, 0.136, 6.7),
+    "AvgpCa4p4_10s": (84.6, 0.073, 2.5), "AvgpCa4p4_100s": (97.8, 0.088, 0.8),
+}  # fmt: skip
+
+
+def muscle(name):
+    t, y, f, _ = np.loadtxt(DATA / "muscle-relaxation" / f"{name}.csv", delimiter=",", skiprows=1).T
+    return t, y - y[0], f, t > 2.0 + RAMPS[name.split("_")[1]]
+
+
+def indentation():
+    with np.load(DATA / "afm-relaxation" / "afm_relaxation_5khz.npz") as z:
+        t, place, force, part = z["t_s"], z["separation_m"], z["force_N"], z["segment"]
+    touch = np.searchsorted(t, 0.124)
+    return t, np.where(t >= t[touch], place[touch] - place, 0.0), force, float(t[part == 1][0])
+
+
+@recorded
+@pytest.mark.parametrize("name", MUSCLE)
+def test_muscle(name):
+    """Stress in kPa over length in um: the hold within 7 % rms."""
+    t, y, f, hold = muscle(name)
+    fit = fit_springpot(t, y, f, where=hold)
+    chi, alpha, percent = SEEN[name]
+    assert fit.chi == pytest.approx(chi, rel=2e-3) and fit.alpha == pytest.approx(alpha, abs=6e-4)
+    assert 100 * fit.relative_error == pytest.approx(percent, abs=0.06)
+    assert fit.relative_error < 0.07
+    arms = fit_generalized_maxwell(t, y, f, arms=2, where=hold)
+    assert arms.relative_error < 0.045
+
+
+@recorded
+def test_an_indented_sample():
+    """From 20 ms on within 1.5 % rms."""
+    t, y, f, start = indentation()
+    t, y, f = thin(t, y, f, start=start, before=400)
+    later = t > start + 0.02
+    fit = fit_springpot(t, y, f, where=later)
+    assert fit.relative_error < 0.015
+    assert fit.alpha == pytest.approx(0.102, abs=1e-3) and fit.chi == pytest.approx(0.570, rel=3e-3)
+    arms = fit_generalized_maxwell(t, y, f, arms=3, where=later)
+    assert arms.relative_error < 0.006
+
+
+@recorded
+def test_every_sample_of_the_indented_sample():
+    """Not averaged, with its noise: the same numbers."""
+    t, y, f, start = indentation()
+    short, ys, fs = thin(t, y, f, start=start, before=400)
+    fit = fit_springpot(short, ys, fs, where=short > start + 0.02)
+    force = np.interp(t, short, fit.fitted)
+    later = t > start + 0.02
+    assert np.sqrt(np.mean((force[later] / f[later] - 1) ** 2)) < 0.015
+    with pytest.raises(BadValue, match="thin"):
+        fit_springpot(t, y, f)
+
+
+# What is refused -------------------------------------------------------------------------------------------------------
+T, Y = a_test()
+F = springpot_force(T, Y, 300.0, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"t": T[::-1]}, "rise"),
+        ({"t": np.r_[T[:5], T[4], T[6:]]}, r"t\[4\]"),
+        ({"t": T[:-1]}, "one length"),
+        ({"y": Y[None]}, "one-dimensional"),
+        ({"y": np.full(T.size, 0.3)}, "never moves"),
+        ({"y": np.where(T == T[7], np.nan, Y)}, r"y\[7\] is not finite"),
+        ({"f": np.where(T == T[7], np.inf, F)}, r"f\[7\] is not finite"),
+        ({"f": ["a"] * T.size}, "numbers"),
+        ({"f": -F}, "sign"),
+        ({"f": 0 * F}, "is 0 at all"),
+        ({"f": np.where(T == T[7], 0.0, F)}, r"f\[7\] = 0"),
+        ({"where": T > 1e9}, "none of these"),
+        ({"where": T > T[-2]}, "not enough"),
+        ({"where": [True]}, "where must be"),
+        ({"where": np.arange(T.size)}, "where must be"),
+        ({"sigma": "log"}, "sigma"),
+        ({"sigma": np.zeros(T.size)}, "not above 0"),
+        ({"sigma": np.ones(3)}, "one length"),
+        ({"onset": "now"}, "onset"),
+        ({"y": Y + 0.1, "onset": "step", "where": T >= 0}, "moment of the step"),
+    ],
+)
+def test_bad_recordings(change, word):
+    given = {"t": T, "y": Y, "f": F} | change
+    with pytest.raises(BadValue, match=word):
+        fit_springpot(**given)
+    with pytest.raises(BadValue, match=word):
+        fit_generalized_maxwell(**given, arms=1)
+
+
+def test_other_bad_values():
+    for arms in (0, -1, 1.5, True, None):
+        with pytest.raises(BadValue, match="arms"):
+            fit_generalized_maxwell(T, Y, F, arms=arms)
+    with pytest.raises(BadValue, match="not enough"):
+        fit_generalized_maxwell(T, Y, F, arms=60)
+    for chi, alpha in ((-1.0, 0.5), (np.nan, 0.5), (1.0, 1.1), (1.0, np.nan)):
+        with pytest.raises(BadValue):
+            springpot_force(T, Y, chi, alpha)
+    for arms in ([(1.0, 0.0)], [(np.nan, 1.0)], [(1.0, np.inf)]):
+        with pytest.raises(BadValue):
+            maxwell_force(T, Y, 1.0, arms)
+    with pytest.raises(BadValue, match="2"):
+        springpot_force([0.0], [1.0], 1.0, 0.5)
+    for more in ({"start": 1e9}, {"start": -1.0}, {"start": 1.0, "per_decade": 0}, {"start": 1.0, "before": 0}):
+        with pytest.raises(BadValue, match="thin"):
+            thin(T, Y, **more)
+
+
+# Pictures and words ----------------------------------------------------------------------------------------------------
+def test_pictures(tmp_path):
+    fits = fit_springpot(T, Y, F), fit_generalized_maxwell(T, Y, F, arms=2), fit_springpot(T, Y + 1, F, onset="step")
+    for i, fit in enumerate(fits):
+        for suffix, begin in (("png", b"\x89PNG"), ("svg", b"<?xml")):
+            fit.plot(tmp_path / f"{i}.{suffix}")
+            assert (tmp_path / f"{i}.{suffix}").read_bytes().startswith(begin)
+    with pytest.raises(SinkError):
+        fits[0].plot(tmp_path / "nowhere" / "p.png")
+    with pytest.raises(SinkError):
+        fits[0].plot(tmp_path / "p.movie")
+
+
+def test_words():
+    t, y = a_test()
+    fit = fit_springpot(t, y, F)
+    assert isinstance(fit, SpringpotFit) and repr(fit).startswith("SpringpotFit(chi=300 [300, 300], alpha=0.2 [0.2, 0.2]; ")
+    fit = fit_generalized_maxwell(t, y, F, arms=2)
+    assert isinstance(fit, MaxwellFit) and "tau2=" in repr(fit) and "% rms of 80 samples" in repr(fit)
+
+
+def test_nothing_heavy_is_loaded_before_it_is_needed():
+    code = "import sys, stimlib.fitting; print(sorted({'scipy', 'matplotlib', 'numba', 'pint'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
