@@ -7,7 +7,7 @@ import importlib.util
 import inspect
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -37,11 +37,11 @@ SCENE = typer.Argument(
 )
 
 
-def shipped() -> dict[str, object]:
+def shipped() -> dict[str, Callable[..., Scene]]:
     """Scenes by name."""
-    from . import scenes
+    from .scenes import SHIPPED
 
-    return {name: getattr(scenes, name) for name in scenes.__all__}
+    return SHIPPED  # type: ignore[return-value]
 
 
 def scene_of(text: str) -> Scene:
@@ -89,10 +89,10 @@ def _shipped(name: str, words: str) -> Scene:
         chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords if k.arg}
     except (SyntaxError, ValueError, AssertionError):
         raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
-    known = inspect.signature(make).parameters  # type: ignore[arg-type]
+    known = inspect.signature(make).parameters
     if wrong := set(chosen) - set(known):
         raise UnknownName(f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}")
-    return make(**chosen)  # type: ignore[operator]
+    return make(**chosen)
 
 
 def _pairs(items: list[str], what: str) -> dict[str, str]:
@@ -257,6 +257,45 @@ def verify_(
         raise typer.Exit(1)
 
 
+@app.command("render-set")
+def render_set_(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder to write the files and index.json into; a set that was interrupted goes on.")
+    ],
+    motion: Annotated[str, typer.Option(help="Motion of the finger; see [bold]stimlib list[/].")] = "constant_speed(0.02, 0.1)",
+    seconds: Annotated[float, typer.Option(help="Length of each file.")] = 5.0,
+    fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
+    repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
+    seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
+    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
+    quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+):
+    """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
+
+    [bold]stimlib render-set bumps/[/]
+    """
+    with _friendly():
+        from .devices.batch import render_set
+        from .devices.motion import parse_motion
+        from .scenes import bumps, bumps_set
+
+        scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s) for s in bumps_set()}
+        index = render_set(
+            folder,
+            scenes,
+            {"x": parse_motion(motion)},
+            seconds,
+            fs,
+            seed=seed,
+            repetitions=repetitions,
+            full_scale=400.0,
+            workers=workers,
+            progress=not quiet,
+        )
+        if not quiet:
+            print(f"{len(scenes)} files and {index}")
+
+
 @app.command()
 def show(
     scene: Annotated[str, SCENE],
@@ -290,15 +329,14 @@ def list_():
 
         out = Console()
         for name, make in shipped().items():
-            made = make()  # type: ignore[operator]
+            made = make()
             out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
             out.print(f"    {made!r}", markup=False, highlight=False, soft_wrap=True)
         out.print("[bold]motions[/]")
-        for name, make in GENERATORS.items():
-            words = [
-                p.name if p.default is p.empty else f"{p.name}={p.default}" for p in inspect.signature(make).parameters.values()
-            ]
-            out.print(f"    [bold]{name}[/]({', '.join(words)})  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
+        for name, generator in GENERATORS.items():
+            known = inspect.signature(generator).parameters.values()
+            words = ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known)
+            out.print(f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.actuator import force_limit, motor_current, static_limit
 from stimlib.blocks.carrier import bump, carrier
+from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
 from stimlib.blocks.relaxation import (
@@ -461,6 +462,69 @@ TABLE += [
         laws=(chain_law(1 / 70, SOFT, 0.0),),
     ),
 ]
+
+
+# Springpots ----------------------------------------------------------------------------------------------------------
+def power_law(chi, alpha):
+    """chi (i w)^alpha, far below the sample rate."""
+    return Law(band(0.01, lambda fs: fs / 1000), lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3)
+
+
+def unit_interval(a):
+    return b.clip(abs(a), 0.0, 1.0)
+
+
+TABLE += [
+    Entry("springpot", "Springpot", lambda y: b.springpot(y, 25.0, 0.35), (squeeze,), unit="m",
+        laws=(power_law(25.0, 0.35),)),
+    Entry("springpot_l1", "Springpot", lambda y: b.springpot(y, 25.0, 0.7, "l1", tol=1e-6), (squeeze,), unit="m",
+        laws=(power_law(25.0, 0.7),)),
+    Entry("springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"),
+    Entry("springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"),
+    Entry("springpot_short", "Springpot", lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008), (normal,), lti=True,
+        unit="m", settle=1 << 18),
+    Entry("springpot_contact", "Springpot", lambda y, c: b.springpot(y, 1.0, 0.2, onset="step", contact=c > 0.0),
+        (squeeze, held)),
+    Entry("springpot_live", "SpringpotLive", lambda y, a: b.springpot(y, 25.0, unit_interval(a)), (squeeze, held)),
+    Entry("springpot_live_l1", "SpringpotLive", lambda y, a: b.springpot(y, 25.0, unit_interval(a), "l1"), (squeeze, normal)),
+    Entry("springpot_chi", "NotBelowZero", lambda y, c: b.springpot(y, abs(c), 0.35), (squeeze, normal)),
+    Entry("springpot_bound", "Accuracy", lambda y, c: b.springpot(y, 25.0, 0.35, contact=c > 0.0, certificate=True)[1],
+        (squeeze, held)),
+    Entry("springpot_path", "PathLength", lambda y, c: PathLength(y, c > 0.0, "step"), (squeeze, held)),
+    Entry("springpot_downsampled", "Downsampled",
+        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-downsampled", horizon=80.0, contact=c > 0.0), (squeeze, held),
+        rates=(1000.0,)),
+    Entry("springpot_short_memory", "ShortMemory",
+        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-short-memory", contact=c > 0.0), (squeeze, held), rates=(1000.0, 8000.0)),
+    Entry("springpot_last_100", "ShortMemory", lambda y: b.springpot(y, 25.0, 0.35, "gl-short-memory"), (squeeze,), lti=True,
+        unit="m"),
+]  # fmt: skip
+
+
+# Bumps, equalisation -------------------------------------------------------------------------------------------------
+HUMP = [1.0, 1.8, 2.0, 1.9, 1.1]
+
+
+def touch(rng, n, fs):
+    """Contact, lost now and then."""
+    return np.repeat(rng.choice([1.0, 1.0, 1.0, 0.0], n // 37 + 1), 37)[:n]
+
+
+TABLE += [
+    Entry("bump_duty", "SineBump", lambda u, d: b.bump(u, "sine", d), (phase, held)),
+    Entry("bump_point_sine", "SineBump", lambda u, c: b.bump(u, "half_sine", 0.4, sampling="point", contact=c), (phase, touch)),
+    Entry("bump_whole", "LinearBump", lambda u: b.bump(u, "square", 1.0), (phase,)),
+    Entry("bump_table_contact", "TableBump", lambda u, d, c: b.bump(u, [0.0, 1.0], d, contact=c), (phase, held, touch)),
+    Entry("carrier_contact", "Carrier", lambda c: b.carrier(157.9, "half", contact=c), (touch,)),
+    Entry("carrier_fm", "Carrier", lambda f, c: b.carrier(constant(90.0, "Hz") * f, "half", contact=c), (held, touch)),
+    Entry("carrier_enabled", "Enabled", lambda x: b.enabled(b.carrier(158.0, "half"), by=x), (touch,)),
+    Entry("equalize", "Midpoint", lambda x: b.equalize(x, (KNOTS, HUMP), limit=1.5, signal=Param("v", 1.0)), (normal,)),
+    Entry("equalize_contact", "Midpoint",
+        lambda x, c: b.equalize(x, (KNOTS, HUMP), 1.5, "scale", contact=c, kind="cubic", outside="zero"), (normal, touch)),
+    Entry("lut_polynomial", "Polynomial", lambda x: b.lut(x, KNOTS, VALUES, kind="polynomial", outside="zero"), (normal,)),
+    Entry("bumps", "LinearBump",
+        lambda x, contact: stimlib.scenes.bumps("sawtooth", contact=True).outputs["voltage"] * 1.0, (squeeze, touch), unit="m"),
+]  # fmt: skip
 
 
 def ours() -> dict[str, type[Block]]:

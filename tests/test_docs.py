@@ -62,4 +62,4 @@ def test_guide_prints_what_the_examples_print():
 
     for printed in PRINTED.values():
         for line in printed.splitlines():
-            assert f"   {line}\n" in text_of("first_stimulus.rst", "add_a_block.rst", "fitting.rst")
+            assert f"   {line}\n" in text_of("first_stimulus.rst", "add_a_block.rst", "fitting.rst", "bumps.rst")

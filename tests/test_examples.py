@@ -18,6 +18,10 @@ PRINTED = {
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain at 50 Hz: -3.01 dB\n"
     ),
+    "equal_rms_bumps.py": (
+        "sine     duty 0.5, A = 4.000 V: 1.000 V rms, rendered 1.000 V\n"
+        "sawtooth duty 0.8, A = 3.873 V: 1.000 V rms, rendered 1.000 V\n"
+    ),
     "fit_tissue.py": (
         "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53 samples)\n"
         "MaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498 [0.464, 0.6514], k2=99.37 [92.78, 106.4], "

@@ -2,8 +2,11 @@
 
 from ..graph import constant, enabled
 from .actuator import force_limit, motor_current, skin_drive, static_limit
+from .carrier import bump, carrier
 from .delay import delay
+from .equalise import equalize
 from .fir import differentiator, fir
+from .fractional import equal_force, springpot, springpot_stiffness
 from .gate import loading
 from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
@@ -21,9 +24,10 @@ from .table import lut
 from .tracking import track, track_velocity
 
 __all__ = [
-    "clip", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos",
-    "delay", "differentiator", "enabled", "exp", "fir", "first_order", "force_limit", "generalized_maxwell",
-    "kelvin_voigt", "loading", "log", "lut", "maximum", "maxwell", "minimum", "motor_current", "nonzero",
-    "pink_noise", "pinking", "sin", "skin_drive", "spring", "sqrt", "standard_linear_solid", "static_limit", "tanh",
-    "track", "track_velocity", "velocity", "where", "white_noise",
+    "bump", "carrier", "clip", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell",
+    "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp", "fir", "first_order",
+    "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum", "maxwell", "minimum",
+    "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive", "spring", "springpot",
+    "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh", "track", "track_velocity",
+    "velocity", "where", "white_noise",
 ]  # fmt: skip

@@ -37,7 +37,7 @@ class Table(Block, abstract=True):
         i = search(p.knots, held)
         d = held - p.knots[i]
         y = fma(fma(fma(p.c[4 * i], d, p.c[4 * i + 1]), d, p.c[4 * i + 2]), d, p.c[4 * i + 3])
-        return where(held == x, y, where(p.keep > 0.0, y, p.outside)), s
+        return where(held == x, y, where(p.keep > 0.0, y, where(x == x, p.outside, x))), s
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Lut(Table):
 
 
 class PolynomialParams(NamedTuple):
-    knots: np.ndarray
+    knots: np.ndarray  # the ends first, then each as far as possible from those before: that rounds least
     c: np.ndarray  # divided differences
     outside: float
     keep: float
@@ -93,20 +93,42 @@ class Polynomial(Block):
         return unit(self.value_unit)
 
     def design(self, fs):
-        knots, c = [Fraction(k) for k in self.knots], [Fraction(v) for v in self.values]
+        left = dict(zip(map(Fraction, self.knots), map(Fraction, self.values), strict=True))
+        knots, c = [min(left)], [left.pop(min(left))]
+        while left:
+            knots.append(max(left, key=lambda x: math.prod(abs(x - k) for k in knots)))
+            c.append(left.pop(knots[-1]))
         for j in range(1, len(c)):
             for i in range(len(c) - 1, j - 1, -1):
                 c[i] = (c[i] - c[i - 1]) / (knots[i] - knots[i - j])
-        return PolynomialParams(np.array(self.knots), np.array([float(v) for v in c]), *POLICY[self.outside]), ()
+        return PolynomialParams(np.array([float(k) for k in knots]), np.array([float(v) for v in c]), *POLICY[self.outside]), ()
 
     @staticmethod
     def step(p, s, x):
-        low, high = p.knots[0], p.knots[p.knots.size - 1]
+        low, high = p.knots[0], p.knots[1]
         held = where(x < low, low, where(x > high, high, x))
         y = p.c[p.c.size - 1]
         for i in range(1, p.c.size):
             y = fma(held - p.knots[p.c.size - 1 - i], y, p.c[p.c.size - 1 - i])
-        return where(held == x, y, where(p.keep > 0.0, y, p.outside)), s
+        return where(held == x, y, where(p.keep > 0.0, y, where(x == x, p.outside, x))), s
+
+    @staticmethod
+    def work(p):
+        return 64
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        low, high = p.knots[0], p.knots[1]
+        for i in range(y.size):
+            w[i] = where(x[i] < low, low, where(x[i] > high, high, x[i]))
+            y[i] = p.c[p.c.size - 1]
+        for j in range(1, p.c.size):
+            knot, c = p.knots[p.c.size - 1 - j], p.c[p.c.size - 1 - j]
+            for i in range(y.size):
+                y[i] = fma(w[i] - knot, y[i], c)
+        for i in range(y.size):
+            y[i] = where(w[i] == x[i], y[i], where(p.keep > 0.0, y[i], where(x[i] == x[i], p.outside, x[i])))
+        return s
 
 
 def check_points(b: Lut | Polynomial) -> None:
@@ -120,9 +142,7 @@ def check_points(b: Lut | Polynomial) -> None:
         if v not in known:
             raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
     if isinstance(b, Polynomial) and len(knots) > MOST:
-        raise BadValue(
-            f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or use kind='cubic'"
-        )
+        raise BadValue(f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or use kind='cubic'")
 
 
 def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:

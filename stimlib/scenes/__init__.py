@@ -1,5 +1,10 @@
 """The papers' stimuli, each on one page that reads like the paper."""
 
+from .bumps import bumps, bumps_set
 from .squeeze import squeeze
+from .viscoelastic import viscoelastic
 
-__all__ = ["squeeze"]
+__all__ = ["bumps", "bumps_set", "squeeze", "viscoelastic"]
+
+SHIPPED = {"squeeze": squeeze, "viscoelastic": viscoelastic, "bumps": bumps}
+"""What the command line calls a scene, by name; the default of every argument is the paper's."""

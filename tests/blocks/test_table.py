@@ -1,5 +1,8 @@
 """Tables against numpy and scipy."""
 
+from fractions import Fraction
+from math import prod
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
@@ -7,10 +10,22 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import lut
+from stimlib.errors import BadValue
 
 KNOTS = np.array([-2.0, -1.1, 0.0, 0.3, 0.35, 4.0])
 VALUES = np.array([1.0, -1.0, 0.5, 2.0, 2.0, -3.0])
 INSIDE = np.concatenate([np.linspace(-2, 4, 997), KNOTS, np.nextafter(KNOTS[1:], -9), np.nextafter(KNOTS[:-1], 9)])
+
+
+def polynomial(u):
+    """Through all knots, by Lagrange's formula in exact fractions."""
+    u = [Fraction(v) for v in u]
+    knots, values = [Fraction(k) for k in KNOTS], [Fraction(v) for v in VALUES]
+
+    def basis(v, i):
+        return prod((v - k) / (knots[i] - k) for k in knots if k != knots[i])
+
+    return np.array([float(sum(values[i] * basis(v, i) for i in range(len(knots)))) for v in u])
 
 
 def through(u, **how):
@@ -23,19 +38,20 @@ def through(u, **how):
         ("linear", lambda u: np.interp(u, KNOTS, VALUES)),
         ("pchip", PchipInterpolator(KNOTS, VALUES)),
         ("cubic", CubicSpline(KNOTS, VALUES)),
+        ("polynomial", lambda u: polynomial(u)),
     ],
 )
 @pytest.mark.parametrize("outside", ["hold", "zero", "error"])
 def test_inside(kind, f, outside):
-    np.testing.assert_allclose(through(INSIDE, kind=kind, outside=outside), f(INSIDE), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(through(INSIDE, kind=kind, outside=outside), f(INSIDE), rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic"])
+@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic", "polynomial"])
 def test_knots_are_hit(kind):
     np.testing.assert_allclose(through(KNOTS, kind=kind), VALUES, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic"])
+@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic", "polynomial"])
 def test_outside(kind):
     u = [-2.0001, -1e300, 4.0001, 1e300, -np.inf, np.inf]
     np.testing.assert_allclose(through(u, kind=kind), [1, 1, -3, -3, 1, -3], atol=1e-13)
@@ -50,11 +66,25 @@ def test_outside_is_a_fault_where_it_should_be():
 
 def test_nan_is_a_fault_whatever_is_outside():
     for outside in ("hold", "zero", "error"):
-        proc = stimlib.compile(Scene({"y": lut(Input("x"), KNOTS, VALUES, outside=outside)}), 1000)
-        proc.process(np.array([[0.0, np.nan]]))
-        assert proc.fault == ("y", 1), outside
+        for kind in ("linear", "polynomial"):
+            proc = stimlib.compile(Scene({"y": lut(Input("x"), KNOTS, VALUES, kind, outside)}), 1000)
+            proc.process(np.array([[0.0, np.nan]]))
+            assert proc.fault == ("y", 1), (kind, outside)
 
 
 def test_a_function_is_sampled_at_the_knots():
     y = stimlib.compile(Scene({"y": lut(Input("x"), np.linspace(0, 1, 11), np.square)}), 1000).process(np.array([[0.5, 0.55]]))
     np.testing.assert_allclose(y, [[0.25, 0.305]], atol=1e-15)
+
+
+def test_a_polynomial_has_at_most_8_knots():
+    knots = np.arange(8.0)
+    proc = stimlib.compile(Scene({"y": lut(Input("x"), 10 + 1e-3 * knots, np.cos(knots), "polynomial")}), 1000)
+    np.testing.assert_allclose(proc.process(10 + 1e-3 * knots[None])[0], np.cos(knots), rtol=0, atol=1e-13)
+    with pytest.raises(BadValue, match="9 knots swings between them; at most 8"):
+        lut(Input("x"), np.arange(9.0), np.arange(9.0), "polynomial")
+    for knots, match in (([0, 1, 1], "must rise"), ([0, 1], "one length")):
+        with pytest.raises(BadValue, match=match):
+            lut(Input("x"), knots, [1, 2, 3], "polynomial")
+    with pytest.raises(BadValue, match="hold, zero, error"):
+        lut(Input("x"), [0, 1], [1, 2], "polynomial", outside="extend")

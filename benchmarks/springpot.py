@@ -1,0 +1,416 @@
+"""The springpot: error and time of its schemes, of the thesis' methods, of full sums, and of other packages.
+
+    python benchmarks/springpot.py              errors over a minute, then times; a picture of both
+    python benchmarks/springpot.py --long       errors over an hour at 1 and 8 kHz as well
+    python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem, pycaputo, differint
+
+Errors are against the full sum over the history in long double (64 bits) and, for smooth inputs, against the continuous
+derivative.  A method that is not installed is left out.  Times: jobs take turns in one process, medians of the rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from functools import cache, partial
+
+import mpmath
+import numpy as np
+from bench import RESULTS, interleaved, machine, medians, ratio, save
+from scipy import signal
+from scipy.special import rgamma
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks.fractional import springpot
+
+LD = np.longdouble
+Y = Input("y", "m")
+ALPHAS = [0.0, 1e-6, 0.05, 0.25, 0.5, 0.75, 0.95, 1 - 1e-6, 1.0]
+TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
+KINDS = ["sinusoid", "ramp", "smooth", "quantised"]
+
+
+# References ----------------------------------------------------------------------------------------------------------
+@cache
+def gl_weights(alpha: float, n: int) -> np.ndarray:
+    """Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!) in long double: products, then the series of a ratio of gammas."""
+    a, few = LD(alpha), min(n, 4096)
+    j = np.arange(1, few, dtype=LD)
+    v = np.zeros(n, LD)
+    v[:few] = np.cumprod(np.r_[LD(1), (j - a) / j])
+    if n > few and alpha < 1:
+        with mpmath.workdps(30):
+            g = LD(mpmath.nstr(1 / mpmath.gamma(1 - mpmath.mpf(alpha)), 25))
+        rho = (1 - a) / 2
+        w = np.arange(few, n, dtype=LD) + rho
+        u = 1 / w**2
+        second = a * (a + 1) / 24 * (a + 2) * (a + 3) * rho * (5 * rho + 1) / 60
+        v[few:] = g * w**-a * (1 + u * (-a * (a + 1) / 12 * rho + u * second))
+    return v
+
+
+def full_sum(d: np.ndarray, alpha: float, fs: float, at: list[int]) -> np.ndarray:
+    v = gl_weights(alpha, d.size)
+    return LD(fs) ** LD(alpha) * np.array([np.dot(v[: n + 1], d[n::-1]) for n in at])
+
+
+def differences(x: np.ndarray) -> np.ndarray:
+    x = x.astype(LD)
+    return np.diff(x, prepend=x[0])
+
+
+def movement(kind: str, n: int, fs: float) -> np.ndarray:
+    """In m; all start at 0 but ``smooth``."""
+    t, rng = np.arange(n) / fs, np.random.default_rng(7)
+    if kind == "sinusoid":
+        return 0.01 * np.sin(2 * np.pi * t)
+    if kind == "ramp":
+        return 0.02 * np.minimum(t, 0.5)
+    if kind == "quantised":
+        return np.round(0.01 * np.sin(2 * np.pi * t) / 1e-6) * 1e-6
+    parts = rng.normal(size=8), rng.uniform(0.2, 5, 8), rng.uniform(0, 6, 8)
+    return sum(0.003 * a * np.sin(2 * np.pi * f * t + p) for a, f, p in zip(*parts, strict=True))
+
+
+def derivative(kind: str, t: np.ndarray, alpha: float) -> np.ndarray | None:
+    """The continuous derivative of a movement that begins at rest."""
+    if kind == "ramp":
+        return 0.02 * rgamma(2 - alpha) * (t ** (1 - alpha) - np.maximum(t - 0.5, 0) ** (1 - alpha))
+    if kind != "sinusoid":
+        return None
+    w, h = 2 * np.pi, 0.15
+    u = np.arange(-40, 14, h)
+    cut = h * np.exp((1 + alpha) * u) / (1 + np.exp(2 * u)) * w**alpha
+    past = np.concatenate([np.exp(-np.outer(part, w * np.exp(u))) @ cut for part in np.array_split(t, max(1, t.size // 2000))])
+    return 0.01 * (w**alpha * np.sin(w * t + alpha * np.pi / 2) - np.sin(np.pi * alpha) / np.pi * past)
+
+
+def spots(n: int, many: int) -> list[int]:
+    return sorted({int(k) for k in np.geomspace(1, n - 1, many)})
+
+
+# Errors --------------------------------------------------------------------------------------------------------------
+def errors(fs: float, seconds: float, tols: list[float], many: int) -> list[dict[str, object]]:
+    """Error over the maximum, and over the certificate, of ``gl``."""
+    n = int(fs * seconds) + 1
+    at = spots(n, many)
+    procs = {}
+    for tol in tols:
+        for alpha in ALPHAS:
+            force, bound = springpot(Y, 1.0, alpha, tol=tol, certificate=True)
+            procs[tol, alpha] = stimlib.compile(Scene({"f": force, "bound": bound}), fs)
+    out: list[dict[str, object]] = []
+    for alpha in ALPHAS:
+        for kind in KINDS:
+            x = movement(kind, n, fs)
+            d = differences(x)
+            wanted = full_sum(d, alpha, fs, at)
+            most = full_sum(np.abs(d, out=d), alpha, fs, at).astype(float)
+            for tol in tols:
+                proc = procs[tol, alpha]
+                proc.reset()
+                f, bound = proc.process(x[None])
+                error = np.abs(f[at] - wanted).astype(float)
+                out.append(
+                    {
+                        "fs": fs, "seconds": seconds, "input": kind, "alpha": alpha, "tol": tol,
+                        "error_over_max": float(error.max() / np.abs(f).max()),
+                        "error_over_certificate": float(np.max(error[most > 0] / bound[at][most > 0], initial=0.0)),
+                        "certificate_over_tol": float(np.max(bound[at][most > 0] / most[most > 0], initial=0.0) / tol),
+                        "kept": bool(np.all(error <= bound[at]) and np.all(bound[at] <= tol * most)),
+                    }
+                )  # fmt: skip
+        gl_weights.cache_clear()
+    worst = max(r["error_over_max"] for r in out if r["tol"] == min(tols))  # type: ignore[type-var]
+    kept = sum(bool(r["kept"]) for r in out)
+    print(f"{fs:g} Hz, {seconds:g} s: kept in {kept} of {len(out)} cases; tol {min(tols):g}: {worst:.2g} of max")
+    return out
+
+
+# Methods -------------------------------------------------------------------------------------------------------------
+def ours(fs: float, alpha: float, block: int | None = None, **kw) -> Callable[[np.ndarray], np.ndarray]:
+    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, **kw)}), fs)
+
+    def run(x):
+        proc.reset()
+        if block is None:
+            return proc.process(x[None])[0]
+        out = np.empty((1, x.size))
+        for k in range(0, x.size, block):
+            out[:, k : k + block] = proc.process(np.ascontiguousarray(x[None, k : k + block]))
+        return out[0]
+
+    return run
+
+
+def fft_sum(fs: float, alpha: float, n: int) -> Callable[[np.ndarray], np.ndarray]:
+    v = gl_weights(alpha, n).astype(float) * fs**alpha
+    return lambda x: signal.oaconvolve(np.diff(x, prepend=x[0]), v)[: x.size]
+
+
+def direct_sum(fs: float, alpha: float, n: int) -> Callable[[np.ndarray], np.ndarray]:
+    v = gl_weights(alpha, n).astype(float) * fs**alpha
+
+    def run(x):
+        d = np.diff(x, prepend=x[0])[::-1].copy()
+        return np.array([np.dot(v[: k + 1], d[x.size - 1 - k :]) for k in range(x.size)])
+
+    return run
+
+
+def oustaloup(fs: float, alpha: float, order: int, low: float = 1e-3) -> Callable[[np.ndarray], np.ndarray]:
+    """s^alpha between ``low`` Hz and fs/2 by 2 order + 1 poles and zeros, bilinear, second-order sections."""
+    wb, wh = 2 * np.pi * low, np.pi * fs
+    k = np.arange(-order, order + 1)
+    zeros, poles = (-wb * (wh / wb) ** ((k + order + (1 + sign * alpha) / 2) / (2 * order + 1)) for sign in (-1, 1))
+    sos = signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**alpha, fs))
+    return lambda x: signal.sosfilt(sos, x - x[0])
+
+
+def peers(fs: float, alpha: float, n: int) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """What is installed of fracmem, pycaputo and differint."""
+    found: dict[str, Callable[[np.ndarray], np.ndarray]] = {}
+    try:
+        from fracmem import CompressedFractionalFilter
+
+        for p in (8, 16, 32, 64):
+            made = CompressedFractionalFilter.from_analytic(alpha, 1 / fs, L=32, p=p, definition="caputo", j_max=n)
+
+            def stream(x, made=made):
+                made.reset_stream()
+                return np.array([made.step(v) for v in x])
+
+            found[f"fracmem, p = {p}, streaming"] = stream
+            found[f"fracmem, p = {p}, whole file"] = made.predict
+    except ImportError:
+        print("fracmem is not installed")
+    try:
+        from pycaputo.derivatives import CaputoDerivative  # noqa: F401
+        from pycaputo.differentiation import caputo, diff
+        from pycaputo.grid import make_uniform_points
+
+        points = make_uniform_points(n, 0, (n - 1) / fs)
+        found["pycaputo L1, whole file"] = lambda x: np.nan_to_num(diff(caputo.L1(alpha), x, points))
+    except ImportError:
+        print("pycaputo is not installed")
+    try:
+        from differint.differint import GL
+
+        found["differint GL, whole file"] = lambda x: GL(alpha, x, 0.0, (n - 1) / fs, n)
+    except ImportError:
+        print("differint is not installed")
+    return found
+
+
+def methods(fs: float, alpha: float, n: int, slow: bool) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    jobs: dict[str, Callable[[np.ndarray], np.ndarray]] = {}
+    for tol in TOLS:
+        jobs[f"springpot gl, tol {tol:g}"] = ours(fs, alpha, tol=tol)
+    for tol in (1e-4, 1e-10):
+        jobs[f"springpot l1, tol {tol:g}"] = ours(fs, alpha, scheme="l1", tol=tol)
+    jobs["springpot gl, tol 1e-10, blocks of 64"] = ours(fs, alpha, 64)
+    for scheme in ("gl-downsampled", "gl-short-memory"):
+        jobs[f"springpot {scheme} (thesis)"] = ours(fs, alpha, scheme=scheme, horizon=n / fs + 1)
+    jobs["full GL by FFT (oaconvolve), whole file"] = fft_sum(fs, alpha, n)
+    for order in (3, 6, 12, 24):
+        jobs[f"Oustaloup, {2 * order + 1} poles (scipy sosfilt)"] = oustaloup(fs, alpha, order)
+    if slow:
+        jobs["full GL, direct (numpy dot)"] = direct_sum(fs, alpha, n)
+        jobs |= peers(fs, alpha, n)
+    return jobs
+
+
+def work_and_precision(seconds: float, slow: bool, fs: float = 1000.0) -> list[dict[str, object]]:
+    """Nanoseconds per sample against error, every method on the same file."""
+    n = int(seconds * fs)
+    t = np.arange(n) / fs
+    out: list[dict[str, object]] = []
+    for alpha in (0.1, 0.5):
+        jobs = methods(fs, alpha, n, slow)
+        x = movement("sinusoid", n, fs)
+        quick = {}
+        for name, f in jobs.items():
+            start = time.perf_counter()
+            f(x)
+            quick[name] = time.perf_counter() - start < 0.05
+        took = medians(interleaved({m: partial(f, x) for m, f in jobs.items() if quick[m]}, 9, 1))
+        took |= medians(interleaved({m: partial(f, x) for m, f in jobs.items() if not quick[m]}, 2, 0))
+        for kind in ("sinusoid", "ramp"):
+            x = movement(kind, n, fs)
+            at = spots(n, 400)
+            wanted, exact = full_sum(differences(x), alpha, fs, at).astype(float), derivative(kind, t, alpha)
+            for name, f in jobs.items():
+                y = f(x)
+                out.append(
+                    {
+                        "method": name, "seconds": seconds, "alpha": alpha, "input": kind, "ns_per_sample": took[name] / n * 1e9,
+                        "error_to_full_gl": float(np.abs(y[at] - wanted).max() / np.abs(wanted).max()),
+                        "error_to_derivative": float(np.abs(y - exact)[1:].max() / np.abs(exact).max()),
+                    }
+                )  # fmt: skip
+    return out
+
+
+# Claims --------------------------------------------------------------------------------------------------------------
+def claims(fs: float = 1000.0) -> list[dict[str, object]]:
+    """One figure each."""
+    out: list[dict[str, object]] = []
+
+    def tell(what, value):
+        out.append({"what": what, "value": float(value)})
+
+    n, alpha = 1 << 16, 0.4
+    x = movement("sinusoid", n, fs)
+    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    moving, held, y = x[None].copy(), np.full((1, n), x[-1]), np.empty((1, n))
+    late = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    hour = movement("sinusoid", int(3600 * fs), fs)
+    late.process(hour[None])
+    after = late.state
+    still = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    still.process(moving)
+    for _ in range(40):
+        still.process(held)
+    quiet = still.state
+
+    def start(which, state, x):
+        which.state = state
+        which.process(x, y)
+
+    proc.reset()
+    first = proc.state
+    times = interleaved(
+        {
+            "first minute": partial(start, proc, first, moving),
+            "after an hour": partial(start, late, after, moving),
+            "hold": partial(start, still, quiet, held),
+        },
+        25,
+    )
+    tell("tol 1e-10, 1 kHz: ns/sample in the first minute", medians(times)["first minute"] / n * 1e9)
+    tell("ratio: after an hour / first minute", ratio(times, "after an hour", "first minute"))
+    tell("ratio: hold (40 min long) / moving", ratio(times, "hold", "first minute"))
+
+    v = gl_weights(alpha, hour.size).astype(float)
+    out1 = np.empty((1, hour.size))
+    d = np.diff(hour, prepend=hour[0])
+
+    def whole():
+        proc.reset()
+        proc.process(hour[None], out1)
+
+    times = interleaved({"springpot": whole, "oaconvolve": lambda: signal.oaconvolve(d, v)[: hour.size]}, 5, 1)
+    tell("hour at 1 kHz: ns/sample", medians(times)["springpot"] / hour.size * 1e9)
+    tell("hour at 1 kHz: oaconvolve ns/sample", medians(times)["oaconvolve"] / hour.size * 1e9)
+    tell("ratio: oaconvolve / springpot", ratio(times, "oaconvolve", "springpot"))
+
+    live = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"))}), fs)
+    orders = {"standing": np.full(n, 0.4), "ramping": np.linspace(0, 1, n)}
+    rows = {k: np.array([{"y": x, "a": a}[i] for i in live.inputs]) for k, a in orders.items()}
+    took = medians(interleaved({k: partial(live.process, r, y) for k, r in rows.items()}, 9))
+    for k in rows:
+        tell(f"live alpha {k}: ns/sample", took[k] / n * 1e9)
+    one, y1 = moving[:, :1].copy(), np.empty((1, 1))
+
+    def calls(p, x):
+        for _ in range(2000):
+            p.process(x, y1)
+
+    took = medians(
+        interleaved({"fixed": partial(calls, proc, one), "live": partial(calls, live, np.array(rows["standing"][:, :1]))}, 9)
+    )
+    for k, seconds in took.items():
+        tell(f"1-sample call, {k} alpha: us", seconds / 2000 * 1e6)
+    for rate in (1000.0, 8000.0):
+        for tol in (1e-10, 1e-14):
+            p = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, tol=tol)}), rate)
+            tell(f"state with header and guard, tol {tol:g}, {rate:g} Hz: bytes", p.state.nbytes)
+            q = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"), tol=tol)}), rate)
+            tell(f"state with a live alpha, tol {tol:g}, {rate:g} Hz: bytes", q.state.nbytes)
+            r = movement("sinusoid", n, rate)[None].copy()
+            seconds = medians(interleaved({"": partial(p.process, r, y)}, 9))[""]
+            tell(f"ns/sample, tol {tol:g}, {rate:g} Hz", seconds / n * 1e9)
+    try:
+        from fracmem import CompressedFractionalFilter
+    except ImportError:
+        return out
+    block = moving[:, :64].copy()
+    y64 = np.empty((1, 64))
+    made = CompressedFractionalFilter.from_analytic(alpha, 1 / fs, L=32, p=16, definition="caputo", j_max=60_000).reset_stream()
+    values = block[0].tolist()
+
+    def many():
+        for _ in range(100):
+            proc.process(block, y64)
+
+    times = interleaved({"springpot": many, "fracmem": lambda: [made.step(v) for v in values]}, 25)
+    tell("block of 64: us", medians(times)["springpot"] / 100 * 1e6)
+    tell("block of 64, fracmem: us", medians(times)["fracmem"] * 1e6)
+    tell("ratio: fracmem / springpot, blocks of 64", ratio(times, "fracmem", "springpot") * 100)
+    return out
+
+
+# Picture -------------------------------------------------------------------------------------------------------------
+def picture(rows: list[dict[str, object]]) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    seconds = min(r["seconds"] for r in rows)  # type: ignore[type-var]
+    rows = [r for r in rows if r["seconds"] == seconds and r["input"] == "sinusoid" and r["alpha"] == 0.5]
+    families = {
+        "springpot gl, tol": ("gl, tol 1e-4 .. 1e-14", "o-"), "springpot l1": ("l1, tol 1e-4, 1e-10", "s-"),
+        "springpot gl-downsampled": ("gl-downsampled (thesis)", "v"),
+        "springpot gl-short-memory": ("gl-short-memory (thesis)", "^"),
+        "full GL": ("full GL: direct, FFT", "D"), "Oustaloup": ("Oustaloup", "x-"), "fracmem": ("fracmem", "+"),
+        "pycaputo": ("pycaputo L1", "*"), "differint": ("differint GL", "P"),
+    }  # fmt: skip
+    another_sum = ("springpot l1", "pycaputo")
+    fig, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout="constrained")
+    for ax, field, text in zip(
+        axes, ("error_to_full_gl", "error_to_derivative"), ("the full GL sum", "the continuous derivative"), strict=True
+    ):
+        for family, (label, style) in families.items():
+            points = [r for r in rows if str(r["method"]).startswith(family) and "blocks" not in str(r["method"])]
+            if points and not (ax is axes[0] and family in another_sum):
+                error = [max(float(r[field]), 1e-17) for r in points]  # type: ignore[arg-type]
+                ax.plot(
+                    error,
+                    [r["ns_per_sample"] for r in points],
+                    style,
+                    label=label,
+                    ms=7,
+                    color=f"C{list(families).index(family)}",
+                )
+        ax.set(xscale="log", yscale="log", xlabel=f"error to {text}, of max")
+        ax.grid(True, which="major", alpha=0.3)
+    axes[0].set_ylabel("ns per sample")
+    axes[1].legend(fontsize=8)
+    fig.suptitle(f"1 Hz sinusoid from rest, {seconds:g} s at 1 kHz, alpha = 0.5")
+    RESULTS.mkdir(exist_ok=True)
+    fig.savefig(RESULTS / "springpot.png", dpi=110)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--long", action="store_true")
+    options.add_argument("--peers", default="")
+    given = options.parse_args()
+    if given.peers:
+        sys.path.append(given.peers)
+    rows = errors(1000.0, 60.0, TOLS, 100) + errors(8000.0, 60.0, TOLS, 40)
+    if given.long:
+        rows += errors(1000.0, 3600.0, [1e-14], 20) + errors(8000.0, 3600.0, [1e-14], 12)
+    save("springpot_errors", rows)
+    work = work_and_precision(10.0, slow=True) + work_and_precision(60.0, slow=False)
+    save("springpot_work", work)
+    picture(work)
+    save("springpot", [{"what": machine(), "value": ""}, *claims()])
+
+
+if __name__ == "__main__":
+    main()

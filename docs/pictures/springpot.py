@@ -1,0 +1,240 @@
+"""Pictures of the springpot: python docs/pictures/springpot.py writes docs/springpot_*.svg and prints what fractional.rst has.
+
+Everything is rendered by stimlib; springpot_work.svg is drawn from benchmarks/results.
+"""
+
+import csv
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.special import gamma
+
+import stimlib
+from stimlib import Input, Scene, constant
+from stimlib.blocks import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+    equal_force,
+    maxwell,
+    spring,
+    springpot,
+    springpot_stiffness,
+)
+from stimlib.blocks.fractional import binomials
+from stimlib.blocks.relaxation import creep_compliance
+from stimlib.devices.motion import ramp_and_hold
+
+DOCS = Path(__file__).parents[1]
+RESULTS = DOCS.parent / "benchmarks" / "results"
+FS, W = 1000, 2 * np.pi  # the thesis' sample rate and frequency
+ORDERS = (0.0, 0.25, 0.5, 0.75, 1.0)
+Y, F = Input("y", "m"), Input("f", "N")
+SPRING, DASHPOT, ARM, POT = "C0", "C1", "C2", "C3"
+
+
+def run(block, x):
+    return stimlib.compile(Scene({"out": block}), FS).process(x[None])[0]
+
+
+def save(fig, name):
+    fig.savefig(DOCS / f"springpot_{name}.svg", metadata={"Date": None})
+
+
+def dots(ax, t, law, color, every=100, first=25):
+    ax.plot(t[first::every], law[first::every], "o", color=color, ms=4.5, mfc="white", mew=1.1, zorder=3)
+
+
+# Figure 3.3 ----------------------------------------------------------------------------------------------------------
+def history(alpha=0.5):
+    """Full sum, the thesis' two methods of 100 points, and ours."""
+    chi, t = equal_force(300.0, 0.0, alpha, W), np.arange(3 * FS) / FS
+    movements = {
+        "pressed at 1 Hz": 0.005 * (1 - np.cos(W * t)),
+        "pressed in 0.1 s, then held": ramp_and_hold(depth=0.01, rise=0.1, start_time=0.1, hold=10.0)(t),
+    }
+    methods = [
+        ("thesis: last 100 samples", "C1", {"scheme": "gl-short-memory"}),
+        ("thesis: 100 samples of all", "C2", {"scheme": "gl-downsampled", "horizon": 3.0}),
+        *((f"springpot, tol = {tol:g}", shade, {"tol": tol}) for tol, shade in ((1e-6, "#7fb0ff"), (1e-10, "#1f5fd0"), (1e-14, "#0b2a66"))),
+    ]  # fmt: skip
+    weights = binomials(alpha, t.size).astype(np.longdouble)
+    fig = Figure(figsize=(10, 6.6), layout="constrained")
+    rows = fig.subplots(3, 2, sharex=True, sharey="row", height_ratios=(1, 2.6, 2.6))
+    for (top, middle, below), (title, y) in zip(rows.T, movements.items(), strict=True):
+        full = chi * FS**alpha * np.convolve(weights, y - y[0])[: t.size]
+        top.plot(t, 1e3 * y, color="0.3", lw=1)
+        top.set_title(title)
+        middle.plot(t, full, color="0.72", lw=5, label="full sum, up to 3000 samples")
+        for name, color, how in methods:
+            f = run(springpot(Y, chi, alpha, **how), y)
+            error = np.abs(f - full).astype(float) / float(np.abs(full).max())
+            below.semilogy(t, np.maximum(error, 1e-18), color=color, lw=0.9, label=name)
+            print(f"{title}: {name}: {error.max():.2g}")
+            if how.get("tol", 1e-10) == 1e-10:
+                middle.plot(t, f, color=color, lw=1.1, label=name)
+        below.set(ylim=(1e-18, 10), yticks=10.0 ** np.arange(-18, 1, 3), xlabel="time / s", xlim=(0, 3))
+    for row, name in zip(rows, ("y / mm", "force / N", "error / largest force"), strict=True):
+        row[0].set_ylabel(name)
+        for ax in row:
+            ax.grid(alpha=0.3)
+    rows[1, 1].legend(loc="upper right")
+    rows[2, 1].legend(loc="lower right", ncols=2, fontsize=8)
+    save(fig, "history")
+
+
+# Figure 1.1 ----------------------------------------------------------------------------------------------------------
+def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=1.0):
+    """Ramps and holds on springs and dashpots, and steps of force: blocks as lines, the continuous law as dots."""
+    fig = Figure(figsize=(11, 6.4), layout="constrained")
+    (a, b1, b2), (c, d, e) = fig.subplots(2, 3)
+    start, n = 0.2, 2 * FS
+    t = np.arange(n) / FS
+    for ax, rise, style in ((b1, 0.1, "-"), (b2, 0.8, "--")):
+        y = ramp_and_hold(depth=depth, rise=rise, start_time=start, hold=10.0)(t)
+        on, off, v = np.maximum(t - start, 0), np.maximum(t - start - rise, 0), depth / rise
+        a.plot(t, 1e3 * y, style, color="0.2", label=f"in {rise:g} s")
+        rows = (
+            ("spring", SPRING, spring(Y, k), k * y),
+            ("dashpot", DASHPOT, springpot(Y, b, 1.0), b * v * ((on > 0) & (off == 0))),
+            ("Maxwell arm", ARM, maxwell(Y, k, tau=tau), k * v * tau * (np.exp(-off / tau) - np.exp(-on / tau))),
+            (f"springpot, alpha = {alpha:g}", POT, springpot(Y, chi, alpha, scheme="l1"),
+             chi * v / gamma(2 - alpha) * (on ** (1 - alpha) - off ** (1 - alpha))),
+        )  # fmt: skip
+        for name, color, block, law in rows:
+            f = run(block, y)
+            ax.plot(t, f, style, color=color, lw=1.3, label=name)
+            dots(ax, t, law, color)
+            far = np.minimum(abs(t - start), abs(t - start - rise)) > 0.01
+            print(f"ramp of {rise:g} s: {name}: off the law by {np.abs(f - law)[far].max() / np.abs(law).max():.1g}")
+        ax.set(title=f"force, pressed in {rise:g} s", ylabel="force / N", ylim=(-0.05, 1.45))
+    a.set(title="stress relaxation: what is done", ylabel="displacement / mm")
+    a.legend(loc="lower right")
+    b2.legend(loc="upper left", fontsize=8)
+
+    n, end = 4 * FS, 2.0
+    t = np.arange(n) / FS
+    f = force * ((t >= start) & (t < end))
+    on, off = np.maximum(t - start, 0), np.maximum(t - end, 0)
+    c.plot(t, f, color="0.2")
+    rows = (
+        ("spring", SPRING, F / constant(k, "N/m"), {"k0": k}),
+        ("dashpot", DASHPOT, compliance_generalized_kelvin_voigt(F, [], b=5 * b), {"b": 5 * b}),
+        ("Maxwell arm", ARM, compliance_maxwell(F, k, b=5 * b), {"k0": k, "b": 5 * b}),
+        ("Kelvin-Voigt", "C4", compliance_kelvin_voigt(F, k, tau=tau), {"elements": [(k, tau)]}),
+        (f"springpot, alpha = {alpha:g}", POT, None, {"springpot": (chi, alpha)}),
+    )
+    for name, color, block, what in rows:
+        law = force * (creep_compliance(on, **what) * (t >= start) - creep_compliance(off, **what) * (t >= end))
+        if block is None:
+            creep = law
+            d.plot(t, 1e3 * law, ":", color=color, lw=1.2, label=name + " (law)")
+        else:
+            got = run(block, f)
+            d.plot(t, 1e3 * got, color=color, lw=1.3, label=name)
+            far = np.minimum(abs(t - start), abs(t - end)) > 0.01
+            print(f"creep: {name}: off the law by {np.abs(got - law)[far].max() / np.abs(law).max():.1g}")
+        dots(d, t, 1e3 * law, color, 200, 50)
+    back = run(springpot(Y, chi, alpha, scheme="l1"), creep)
+    e.plot(t, back, color=POT, lw=1.3, label="springpot block")
+    dots(e, t, f, POT, 200, 50)
+    far = np.minimum(abs(t - start), abs(t - end))
+    print(f"force of the springpot along its creep: off by {np.abs(back - f)[far > 0.02].max():.1g} N beyond 20 ms, most {np.abs(back - f).max():.2g} N")
+    c.set(title="creep: what is done", ylabel="force / N")
+    d.set(title="displacement", ylabel="displacement / mm", ylim=(-1, 52))
+    e.set(title="force of a springpot moved along its creep", ylabel="force / N", ylim=(-0.35, 1.45))
+    d.legend(loc="upper left", fontsize=8)
+    for ax in (a, b1, b2, c, d, e):
+        ax.set(xlabel="time / s", xlim=(0, 2 if ax in (a, b1, b2) else 4))
+        ax.grid(alpha=0.3)
+    save(fig, "relaxation")
+
+
+# Figures 2.4 and 2.5 -------------------------------------------------------------------------------------------------
+def stiffness(chi0=300.0, depth=0.01):
+    """Forces of equal size at 1 Hz, k_C in polar coordinates, storage and loss, phase."""
+    fig = Figure(figsize=(11, 7.6), layout="constrained")
+    grid = fig.add_gridspec(2, 2)
+    wave, polar = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1], projection="polar")
+    size, phase = fig.add_subplot(grid[1, 0]), fig.add_subplot(grid[1, 1])
+    t, f = np.arange(3 * FS + 1) / FS, np.geomspace(0.1, 500, 200)
+    y = depth * np.sin(W * t)
+    wave.plot(t, 1e3 * y * chi0 / 1e3, "k", lw=3.5, alpha=0.25, label="y, scaled")
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.9, len(ORDERS)))
+    few = f[::12]
+    for alpha, color in zip(ORDERS, shades, strict=True):
+        chi = equal_force(chi0, 0.0, alpha, W)
+        proc = stimlib.compile(Scene({"f": springpot(Y, chi, alpha, scheme="l1")}), FS)
+        wave.plot(t, proc.process(y[None])[0], color=color, lw=1.2, label=f"alpha = {alpha:g}")
+        law, sampled = springpot_stiffness(chi, alpha, W * f), proc.response("f", "y", few)
+        size.loglog(f, np.where(law.storage > 1e-9, law.storage, np.nan), color=color, lw=1.3)
+        size.loglog(f, np.where(law.loss > 1e-9, law.loss, np.nan), "--", color=color, lw=1.3)
+        for part, mark in ((sampled.real, "o"), (sampled.imag, "s")):
+            size.loglog(few, np.where(part > 1e-9 * abs(sampled), part, np.nan), mark, color=color, ms=3, mfc="white")
+        phase.semilogx(f, np.degrees(law.phase), color=color, lw=1.3, label=f"alpha = {alpha:g}")
+        phase.semilogx(few, np.degrees(np.angle(sampled)), "o", color=color, ms=3.5, mfc="white")
+        for hz, mark in ((0.5, "v"), (1.0, "o"), (2.0, "^")):
+            k = springpot_stiffness(chi, alpha, W * hz)
+            polar.plot(k.phase, k.magnitude, mark, color=color, ms=6, clip_on=False, zorder=3)
+        polar.plot([0, alpha * np.pi / 2], [0, chi * (2 * W) ** alpha], color=color, lw=1)
+        at = np.searchsorted(few, 100.0)
+        print(f"alpha {alpha:g}: at {few[at]:.0f} Hz phase {np.degrees(np.angle(sampled[at])):.1f} deg, |k| off by "
+              f"{abs(abs(sampled[at]) / springpot_stiffness(chi, alpha, W * few[at]).magnitude - 1):.2g}")  # fmt: skip
+    wave.set(title="force of equal size at 1 Hz", xlabel="time / s", ylabel="force / N", xlim=(0, 3), ylim=(-3.6, 5.6))
+    wave.legend(loc="upper center", ncols=3, fontsize=8)
+    polar.set(thetamin=0, thetamax=90, rmax=620, rticks=[150, 300, 450, 600])
+    polar.set_title("k_C at 0.5 (▾), 1 (●) and 2 Hz (▴); along: N/m", pad=12)
+    size.set(title="storage (line) and loss (dashed) / N/m", xlabel="frequency / Hz", ylim=(20, 2e5))
+    phase.set(title="phase of force before displacement / degrees", xlabel="frequency / Hz", yticks=np.linspace(0, 90, 5))
+    for ax in (wave, size, phase):
+        ax.grid(alpha=0.3)
+    save(fig, "stiffness")
+
+
+# Work and precision --------------------------------------------------------------------------------------------------
+def work(seconds="10.0", alpha="0.5", movement="sinusoid"):
+    """What each method needs for a sample, and how near it comes."""
+    with (RESULTS / "springpot_work.csv").open(newline="") as f:
+        rows = [r for r in csv.DictReader(f) if (r["seconds"], r["alpha"], r["input"]) == (seconds, alpha, movement)]
+    with (RESULTS / "springpot.csv").open(newline="") as f:
+        machine = next(csv.DictReader(f))["what"]
+    families = (
+        ("springpot gl, tol", "springpot gl, tol 1e-4 .. 1e-14", "o-", "C0"),
+        ("springpot l1", "springpot l1, tol 1e-4, 1e-10", "s-", "C3"),
+        ("springpot gl-downsampled", "thesis: 100 samples of all", "v", "C2"),
+        ("springpot gl-short-memory", "thesis: last 100 samples", "^", "C1"),
+        ("full GL, direct", "full GL, direct (numpy)", "D", "0.2"),
+        ("full GL by FFT", "full GL by FFT (scipy), whole file", "D", "0.6"),
+        ("Oustaloup", "Oustaloup, 7 .. 49 poles (scipy)", "x-", "C5"),
+        ("fracmem, streaming", "fracmem, p = 8 .. 64, streaming", "+-", "C6"),
+        ("fracmem, whole file", "fracmem, p = 8 .. 64, whole file", "1-", "C4"),
+        ("pycaputo", "pycaputo L1, whole file", "*", "C7"),
+        ("differint", "differint GL, whole file", "P", "C8"),
+    )
+    fig = Figure(figsize=(11, 5.6), layout="constrained")
+    axes = fig.subplots(1, 2, sharey=True)
+    for ax, field in zip(axes, ("error_to_full_gl", "error_to_derivative"), strict=True):
+        for start, label, style, color in families:
+            first, _, last = start.partition(", ") if "fracmem" in start else (start, "", "")
+            points = [r for r in rows if r["method"].startswith(first) and r["method"].endswith(last) and "blocks" not in r["method"]]
+            if ax is axes[0] and "l1" in start.lower() or ax is axes[0] and start == "pycaputo":
+                points = []  # another sum
+            x, y = ([float(r[key]) for r in points] for key in (field, "ns_per_sample"))
+            ax.loglog(x, y, style, color=color, ms=7, lw=1, label=label)
+            if start == "springpot gl, tol" and ax is axes[0]:
+                for r, u, v in zip(points, x, y, strict=True):
+                    ax.annotate(r["method"].split()[-1], (u, v), (0, -15), textcoords="offset points", ha="center", fontsize=8)
+        ax.grid(alpha=0.3)
+    axes[0].set(xlabel="error to the full GL sum / largest force", ylabel="ns per sample", ylim=(3, 1e5))
+    axes[1].set(xlabel="error to the continuous derivative / largest force")
+    axes[0].legend(*axes[1].get_legend_handles_labels(), fontsize=8, loc="upper left", ncols=2)
+    fig.suptitle(f"1 Hz sinusoid from rest, {float(seconds):g} s at 1 kHz, alpha = {alpha}\n{machine}", fontsize=9)
+    save(fig, "work")
+
+
+if __name__ == "__main__":
+    mpl.rcParams.update({"svg.hashsalt": "stimlib", "font.size": 9})
+    for draw in (history, relaxation, stiffness, work):
+        draw()

@@ -1,0 +1,216 @@
+"""Equal displacement everywhere on a surface that vibrates more in its middle than at its edges."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+from ..graph import Block, Const, as_block
+from ..maths import where
+from .impedance import _with_unit
+from .maps import clip, maximum
+from .table import OUTSIDE, lut
+
+HEADROOM = ("clip", "scale")
+
+
+class MidpointState(NamedTuple):
+    last: float
+    cold: float  # 1: the next sample is the first
+
+
+@dataclass(frozen=True, eq=False)
+class Midpoint(Block):
+    """(x[n-1] + x[n])/2;  x[n] at the first sample and at re-contact;  0 off contact."""
+
+    x: Block
+    contact: Block
+
+    def design(self, fs):
+        return (), MidpointState(0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, x, contact):
+        y = where(s.cold > 0.0, x, 0.5 * (s.last + x))
+        return where(contact > 0.0, y, 0.0), MidpointState(x, where(contact > 0.0, 0.0, 1.0))
+
+    def delay(self, p):
+        return 0.5
+
+
+def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
+    """Two columns of a CSV file, position and displacement; a heading and lines that start with # are skipped.
+
+    Raises
+    ------
+    BadValue
+        No file; a line that is not two numbers.
+    """
+    rows: list[tuple[float, float]] = []
+    try:
+        lines = Path(path).read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as e:
+        raise BadValue(f"equalize: cannot read {os.fspath(path)}: {e}") from None
+    heading = False
+    for number, row in enumerate(csv.reader(lines), 1):
+        if not row or not "".join(row).strip() or row[0].lstrip().startswith("#"):
+            continue
+        try:
+            position, displacement = map(float, row)
+        except ValueError:
+            if rows or heading:
+                raise BadValue(
+                    f"{os.fspath(path)}, line {number}: expected position,displacement, got {','.join(row)!r}"
+                ) from None
+            heading = True
+            continue
+        rows.append((position, displacement))
+    return [r[0] for r in rows], [r[1] for r in rows]
+
+
+def points(displacement) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and displacements of a profile, checked."""
+    if isinstance(displacement, (str, os.PathLike)):
+        displacement = read_profile(displacement)
+    if not isinstance(displacement, (Sequence, np.ndarray)) or len(displacement) != 2:
+        raise BadValue("equalize: displacement must be (knots, displacement), or the path of a CSV file with these columns")
+    try:
+        knots, d = (np.array(v, np.float64) for v in displacement)
+    except (TypeError, ValueError):
+        raise BadValue("equalize: displacement must be two rows of numbers, (knots, displacement)") from None
+    if knots.ndim != 1 or knots.shape != d.shape or knots.size < 2:
+        raise BadValue(f"equalize: need as many displacements as knots, at least 2; got {knots.shape} and {d.shape}")
+    for name, v in (("knot", knots), ("displacement", d)):
+        if not np.isfinite(v).all():
+            raise BadValue(f"equalize: {name} {int(np.argmin(np.isfinite(v)))} is not finite")
+    if not (np.diff(knots) > 0).all():
+        raise BadValue(f"equalize: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
+    if not (d > 0).all():
+        at = int(np.argmin(d > 0))
+        raise BadValue(f"equalize: displacement {at} = {d[at]:g} must be above 0: no voltage moves a node of the mode")
+    return knots, d
+
+
+def smallest(table, knots: np.ndarray) -> float:
+    """Lowest value of a table between its knots, by its own step at 65 places of each piece."""
+    p, _ = table.design(1.0)
+    places = np.concatenate([np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)])
+    return float(min(table.step(p, (), x)[0] for x in places))
+
+
+def equalize(
+    x,
+    displacement,
+    limit=None,
+    headroom: str = "clip",
+    *,
+    signal=1.0,
+    peak=None,
+    contact=1.0,
+    kind: str | None = None,
+    outside: str = "hold",
+) -> Block:
+    """A voltage that gives, at every place, the displacement of the place that moves most.
+
+    y = signal d_max/d(x): the measured displacements are interpolated and the result is inverted (interpolating the gains
+    instead is an order of magnitude worse), in the middle between x[n-1] and x[n], where an area-sampled envelope lies.
+    Five points of a clamped beam's mode, 1.84 times higher in the middle, give an amplitude constant to 0.04 % with a
+    polynomial, 0.4 % with a cubic spline, 1.8 % with pchip, 3.3 % with straight lines.
+
+    Parameters
+    ----------
+    x : Block
+        Position, usually in m.
+    displacement : (knots, displacement) or path
+        Two rows of one length, positions in the unit of x, rising, and displacement amplitudes at equal voltage, above 0, in
+        any unit; or the path of a CSV file with these two columns, which is read now.
+    limit : float or Block, optional
+        Largest absolute value of the result, in the unit of ``signal``: what the amplifier can give.
+    headroom : {"clip", "scale"}
+        What happens where the limit is passed.  "clip": the samples beyond it are held there; count them in a recording,
+        ``np.sum(np.abs(y) >= limit)``, a block cannot tell.  "scale": the whole stimulus is reduced by
+        min(1, limit/(peak largest gain)), everywhere and all the time, so that it is never passed.
+    signal : float or Block
+        What is equalised.  Default 1: the result is the gain.
+    peak : float or Block, optional
+        Largest absolute value of ``signal``, live or not; needed for "scale" unless the signal is a number.
+    contact : Block
+        At re-contact x[n-1] = x[n].
+    kind : {"linear", "pchip", "cubic", "polynomial"}, optional
+        Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.
+    outside : {"hold", "zero", "error"}
+        Beyond the first and last knot: their gain; silence; or a fault.
+
+    Returns
+    -------
+    Block
+        In the unit of ``signal``.
+
+    Raises
+    ------
+    BadValue
+        A profile that is not finite, not rising, not above 0 at a knot or between them; a file that cannot be read; a limit
+        not above 0; an unknown policy; "scale" without a limit or a peak.
+    UnitError
+        A limit or peak in another unit than the signal.
+
+    References
+    ----------
+    Paper 003, section 4.2 and figure 4.2: "we increase all the displacements along the horizontal axis to the max value".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import equalize
+    >>> profile = [0.0, 0.05, 0.1], [100e-6, 120e-6, 100e-6]
+    >>> gain = equalize(stimlib.Input("x", "m"), profile, limit=1.1)
+    >>> proc = stimlib.compile(stimlib.Scene({"gain": gain}), fs=8000)
+    >>> proc.process(np.array([[0.05, 0.05, 0.0, 0.0]])).round(3)
+    array([[1.   , 1.   , 1.043, 1.1  ]])
+    """
+    knots, d = points(displacement)
+    if outside not in OUTSIDE:
+        raise BadValue(f"equalize: outside = {outside!r}; choose one of {', '.join(OUTSIDE)}")
+    kind = kind or ("polynomial" if knots.size <= 6 else "cubic")
+    x, y, contact = as_block(x), as_block(signal), as_block(contact)
+    middle = Midpoint(x, contact)
+    table = lut(middle, knots, d, kind, "error" if outside == "error" else "hold")
+    lowest = smallest(table, knots)
+    if not lowest > 0:
+        raise BadValue(f"equalize: between its knots the {kind} displacement falls to {lowest:g}; measure more points")
+    if isinstance(y, Const) and peak is None:
+        peak = Const(abs(y.value), y.unit)
+    y = y * (float(d.max()) / table)
+    if outside == "zero":
+        low, high = (Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]])
+        y = y * (middle >= low) * (middle <= high)
+    if limit is not None:
+        return within(y, limit, headroom, None if peak is None else _with_unit(peak, str(y.dim)) * (float(d.max()) / lowest))
+    if headroom != "clip":
+        raise BadValue(
+            f"equalize: headroom = {headroom!r} needs a limit"
+            if headroom in HEADROOM
+            else f"equalize: headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}"
+        )
+    return y
+
+
+def within(y: Block, limit, headroom: str, peak=None) -> Block:
+    """y held within -limit .. limit: clipped, or first scaled by limit/peak where the peak is larger."""
+    if headroom not in HEADROOM:
+        raise BadValue(f"headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}")
+    top = _with_unit(limit, str(y.dim))
+    if isinstance(top, Const) and not top.value > 0:
+        raise BadValue(f"limit = {top.value:g} must be above 0")
+    if headroom == "scale":
+        if peak is None:
+            raise BadValue("headroom='scale' needs the largest absolute value of the signal, peak=")
+        y = y * (top / maximum(top, peak))
+    return clip(y, -top, top)

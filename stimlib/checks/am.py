@@ -1,0 +1,274 @@
+"""Spectrum and RMS of amplitude-modulated bumps at constant speed: closed forms, written on their own.
+
+A stimulus is y(t) = A e(u) c(t): e is a unipolar envelope of period 1 in u = u0 + rate t, with bumps met at ``rate`` (speed
+over wavelength); c is a carrier, rectified or not.  Both are Fourier series, so y has lines at all n rate + m freq.
+Averaged over the carrier's phase, the mean square of y is A^2 times those of e and c.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+
+
+def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
+    """Fourier coefficients E_n of an envelope: e(u) = sum of E_n exp(2 pi i n u).
+
+    Parameters
+    ----------
+    waveform : {"square", "sine", "sawtooth", "half_sine"}
+    duty : float
+        In (0, 1].
+    n : ndarray of whole numbers, any shape
+
+    Returns
+    -------
+    ndarray of complex, the shape of n
+
+    Raises
+    ------
+    BadValue
+        Unknown waveform, duty outside (0, 1].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.am import envelope_series
+    >>> abs(envelope_series("square", 0.5, np.arange(4))).round(4)
+    array([0.5   , 0.3183, 0.    , 0.1061])
+    """
+    if not 0 < duty <= 1:
+        raise BadValue(f"duty = {duty!r} must be above 0 and at most 1")
+    n = np.asarray(n, float)
+    middle = duty * np.exp(-1j * np.pi * n * duty)  # of waves that are even about the middle of the ridge
+    if waveform == "square":
+        return middle * np.sinc(n * duty)
+    if waveform == "half_sine":
+        return middle * (np.sinc(n * duty - 0.5) + np.sinc(n * duty + 0.5)) / 2
+    if waveform == "sine":
+        c = math.cos(math.pi * duty)
+        top = (np.sinc((n - 1) * duty) + np.sinc((n + 1) * duty)) / 2 - c * np.sinc(n * duty)
+        return middle * top / (1 - c)
+    if waveform == "sawtooth":
+        a = 2j * np.pi * np.where(n == 0, 1.0, n) * duty
+        return np.where(n == 0, duty / 2, duty * (1 - (1 + a) * np.exp(-a)) / a**2)
+    raise BadValue(f"waveform {waveform!r}; choose one of square, sine, sawtooth, half_sine")
+
+
+def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> np.ndarray:
+    """Fourier coefficients C_m of a carrier: c(phase) = sum of C_m exp(i m phase).
+
+    Parameters
+    ----------
+    rectify : {None, "half", "full"}
+        Of sin(phase).
+    m : ndarray of whole numbers, any shape
+    sampled : float
+        freq/fs of the area-sampled carrier: line m is higher by sinc(m freq/fs)/sinc(freq/fs); 0 for the ideal one.
+
+    Returns
+    -------
+    ndarray of complex, the shape of m
+
+    Raises
+    ------
+    BadValue
+        Unknown rectification.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.am import carrier_series
+    >>> carrier_series("half", np.array([0, 1, 2])).round(4)
+    array([ 0.3183+0.j  ,  0.    -0.25j, -0.1061+0.j  ])
+    """
+    m = np.asarray(m, float)
+    even = np.where(m % 2 == 0, 1 / (np.pi * np.where(abs(m) == 1, 1.0, 1 - m * m)), 0.0)
+    own = np.where(abs(m) == 1, -0.25j * m, 0)
+    series = {None: 2 * own, "half": even + own, "full": 2 * even + 0j}
+    if rectify not in series:
+        raise BadValue(f"rectify = {rectify!r}; choose None, 'half' or 'full'")
+    return series[rectify] * (np.sinc(m * sampled) / np.sinc(sampled) if rectify else 1.0)
+
+
+def envelope_mean_square(waveform: str, duty: float) -> float:
+    """Mean of e^2 over a period.
+
+    Parameters
+    ----------
+    waveform : {"square", "sine", "sawtooth", "half_sine"}
+    duty : float
+        In (0, 1].
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    BadValue
+        Unknown waveform, duty outside (0, 1].
+
+    Examples
+    --------
+    >>> from stimlib.checks.am import envelope_mean_square
+    >>> [round(envelope_mean_square(w, 0.5), 6) for w in ("square", "sine", "sawtooth")]
+    [0.5, 0.25, 0.166667]
+    """
+    if not 0 < duty <= 1:
+        raise BadValue(f"duty = {duty!r} must be above 0 and at most 1")
+    if waveform in ("square", "sawtooth", "half_sine"):
+        return duty / {"square": 1, "sawtooth": 3, "half_sine": 2}[waveform]
+    if waveform != "sine":
+        raise BadValue(f"waveform {waveform!r}; choose one of square, sine, sawtooth, half_sine")
+    a = 2 * math.pi * duty  # the mean square is (a (2 + cos a) - 3 sin a) / (4 pi (1 - cos(a/2))^2)
+    if a > 2:
+        top = a * (2 + math.cos(a)) - 3 * math.sin(a)
+    else:
+        top = sum((-1) ** k * a ** (2 * k + 1) * (2 * k - 2) / math.factorial(2 * k + 1) for k in range(2, 14))
+    return top / (16 * math.pi * math.sin(a / 4) ** 4)
+
+
+def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
+    """RMS of the stimulus over one bump, averaged over the carrier's phase: A sqrt(<e^2> <c^2>).
+
+    Parameters
+    ----------
+    waveform, duty
+        See ``envelope_mean_square``.
+    amplitude : float
+    rectify : {"half", "full", None}
+
+    Returns
+    -------
+    float
+        In the unit of the amplitude.
+
+    References
+    ----------
+    Paper 003, eq. (18) and table 6.1.
+
+    Examples
+    --------
+    >>> from stimlib.checks.am import rms
+    >>> rms("square", 0.5, 4.0), rms("sine", 0.5, 4.0)  # table 6.1: 1.41 V, 1 V
+    (1.4142135623730951, 1.0)
+    """
+    if rectify not in (None, "half", "full"):
+        raise BadValue(f"rectify = {rectify!r}; choose None, 'half' or 'full'")
+    return amplitude * math.sqrt(envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5))
+
+
+def sampled_rms(
+    waveform: str, duty: float, amplitude: float, rate: float, freq: float, fs: float, rectify: str | None = "half"
+) -> float:
+    """The same of what is rendered at a sample rate: both factors are means over one sample period.
+
+    Parameters
+    ----------
+    waveform, duty, amplitude, rectify
+        See ``rms``.
+    rate : float
+        Bumps per second, above 0.
+    freq, fs : float
+        Carrier frequency and sample rate in Hz.
+
+    Returns
+    -------
+    float
+        Exact as long as rate, freq and fs have no common period (a line then meets an alias of another).
+
+    Examples
+    --------
+    >>> from stimlib.checks.am import rms, sampled_rms
+    >>> round(sampled_rms("square", 0.2, 1.0, 18.0, 158.0, 8000.0) / rms("square", 0.2), 5)
+    0.99813
+    """
+    if not rate > 0:
+        raise BadValue(f"rate = {rate!r} bumps per second must be above 0")
+    n = np.arange(1, math.ceil(60 * fs / rate) + 200)
+    e = abs(envelope_series(waveform, duty, n)) ** 2 * np.sinc(n * rate / fs) ** 2
+    square = envelope_series(waveform, duty, np.zeros(1)).real[0] ** 2 + 2 * e.sum()
+    m = np.arange(1, 4000)
+    c = abs(carrier_series(rectify, m, freq / fs)) ** 2
+    return amplitude * math.sqrt(square * (abs(carrier_series(rectify, np.zeros(1), freq / fs)[0]) ** 2 + 2 * c.sum()))
+
+
+class Lines(NamedTuple):
+    """Lines of a spectrum, by rising frequency."""
+
+    f: np.ndarray  # Hz
+    amplitude: np.ndarray  # complex: line k is Re(amplitude exp(2 pi i f t)); its size is the peak value
+
+
+def line_spectrum(
+    waveform: str,
+    duty: float,
+    amplitude: float,
+    rate: float,
+    freq: float,
+    top: float,
+    rectify: str | None = "half",
+    fs: float | None = None,
+    u0: float = 0.0,
+    phase: float = 0.0,
+) -> Lines:
+    """Lines of the stimulus at constant speed, from 0 to ``top`` Hz.
+
+    Parameters
+    ----------
+    waveform, duty, amplitude, rectify
+        See ``rms``.
+    rate : float
+        Bumps per second, speed/wavelength, above 0.
+    freq : float
+        Of the carrier, in Hz, above 0.
+    top : float
+        Highest frequency in Hz.
+    fs : float, optional
+        Lines of what is rendered at this rate: envelope and carrier averaged over a sample period (aliases are not
+        included).
+    u0, phase : float
+        Spatial phase and carrier phase (rad) at t = 0.
+
+    Returns
+    -------
+    Lines
+        Lines closer than 1e-9 of ``top`` are one.  Terms of either series that reach back from more than 40 carrier
+        harmonics away are left out.
+
+    Raises
+    ------
+    BadValue
+        A rate, frequency or top not above 0.
+
+    Examples
+    --------
+    >>> from stimlib.checks.am import line_spectrum
+    >>> lines = line_spectrum("sine", 0.5, 4.0, rate=10.0, freq=158.0, top=200.0)
+    >>> lines.f[abs(lines.amplitude) > 0.1]
+    array([  0.,  10.,  20., 138., 148., 158., 168., 178.])
+    """
+    for name, v in (("rate", rate), ("freq", freq), ("top", top)):
+        if not v > 0:
+            raise BadValue(f"{name} = {v!r} must be above 0")
+    reach = top + 40 * freq
+    m = np.arange(-40, 41)
+    n = np.arange(-math.floor(reach / rate), math.floor(reach / rate) + 1)
+    E = envelope_series(waveform, duty, n) * np.exp(2j * np.pi * n * u0)
+    if fs is not None:
+        E = E * np.sinc(n * rate / fs) * np.exp(-1j * np.pi * n * rate / fs)
+    C = carrier_series(rectify, m, 0.0 if fs is None else freq / fs) * np.exp(1j * m * phase)
+    f = (n[:, None] * rate + m[None] * freq).ravel()
+    a = (amplitude * E[:, None] * C[None]).ravel()
+    near = 1e-9 * top
+    keep = (f > -near) & (f <= top + near) & (abs(a) > 0)
+    order = np.argsort(f[keep], kind="stable")
+    f, a = f[keep][order], a[keep][order]
+    starts = np.flatnonzero(np.diff(f, prepend=-np.inf) > near)
+    one_sided = np.where(f[starts] > near, 2.0, 1.0)
+    return Lines(np.maximum(f[starts], 0.0), one_sided * np.add.reduceat(a, starts))

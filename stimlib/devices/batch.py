@@ -1,0 +1,186 @@
+"""Many scenes into many files: the stimuli of an experiment, with the order in which to present them."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..blocks.noise import noise_key
+from ..errors import BadValue, SinkError
+from ..processor import compile
+from ..scene import Scene
+from . import file
+
+
+def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
+    """For each repetition a random order of n stimuli, the same on every machine and in every version.
+
+    Parameters
+    ----------
+    n, repetitions : int
+    seed : int
+
+    Returns
+    -------
+    list of list of int
+
+    Examples
+    --------
+    >>> from stimlib.devices.batch import order
+    >>> [sorted(o) for o in order(4, 2, seed=1)]
+    [[0, 1, 2, 3], [0, 1, 2, 3]]
+    """
+    return [sorted(range(n), key=lambda i: int(noise_key(seed, i, r, 2))) for r in range(repetitions)]
+
+
+def render_set(
+    folder: str | os.PathLike,
+    scenes: Mapping[str, Scene],
+    motion: Mapping[str, Any],
+    seconds: float,
+    fs: float = 8000.0,
+    *,
+    seed: int = 0,
+    repetitions: int = 4,
+    suffix: str = ".wav",
+    full_scale: float | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Path:
+    """Render scenes into FOLDER/NAME.wav each, and write FOLDER/index.json with the order of presentation.
+
+    Files that are already there and whole, from the same scene, motion, length and seed, are kept: a set that was
+    interrupted is resumed.  Each file appears whole or not at all; the bytes do not depend on the number of workers.
+
+    Parameters
+    ----------
+    folder : path
+        Made if missing.
+    scenes : dict of str to Scene
+        By file name without suffix.
+    motion : dict of str to motion
+        Of every scene's inputs: generators of ``stimlib.devices.motion``, or float64 arrays.
+    seconds, fs : float
+        Length in s, sample rate in Hz.
+    seed : int
+        Of all noise, and of the order.
+    repetitions : int
+        How often each stimulus is presented.
+    suffix : str
+        Format of the files.
+    full_scale : float, optional
+        See ``stimlib.devices.file.write``.
+    workers : int, optional
+        Processes; by default one for each core.
+    progress : bool
+        A progress bar on stderr, if that is a terminal.
+
+    Returns
+    -------
+    Path
+        Of the index.
+
+    Raises
+    ------
+    BadValue
+        No scenes, a name that is not a plain file name, repetitions below 1; and as ``file.write``.
+    SinkError
+        As ``file.write``.
+
+    Examples
+    --------
+    >>> import tempfile, stimlib
+    >>> from stimlib.devices.batch import render_set
+    >>> from stimlib.devices.motion import constant_speed
+    >>> x = stimlib.Input("x", "m")
+    >>> scenes = {f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x}) for k in (100, 200)}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     index = render_set(folder, scenes, {"x": constant_speed(0.02, 0.1)}, seconds=0.1, workers=1)
+    ...     sorted(p.name for p in index.parent.iterdir())
+    ['index.json', 'k100.wav', 'k100.wav.json', 'k200.wav', 'k200.wav.json']
+    """
+    if not scenes:
+        raise BadValue("render_set: no scenes")
+    if wrong := [n for n in scenes if not n or Path(n).name != n or n.startswith(".")]:
+        raise BadValue(f"render_set: {wrong[0]!r} is not a plain file name")
+    if repetitions < 1:
+        raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise SinkError(f"cannot make the folder {folder}: {e.strerror}") from e
+    jobs = {
+        name: (folder / (name + suffix), scene.to_dict(), dict(motion), seconds, fs, seed, full_scale)
+        for name, scene in scenes.items()
+    }
+    with _bar(len(jobs), progress) as advance:
+        todo = {n: job for n, job in jobs.items() if not _is_there(*job)}
+        advance(len(jobs) - len(todo))
+        workers = min(workers or os.cpu_count() or 1, len(todo) or 1)
+        if workers == 1:
+            for job in todo.values():
+                _write(*job)
+                advance(1)
+        else:
+            with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+                futures = [pool.submit(_write, *job) for job in todo.values()]
+                try:
+                    for done in as_completed(futures):
+                        done.result()
+                        advance(1)
+                except BaseException:
+                    pool.shutdown(cancel_futures=True)
+                    raise
+    names = list(scenes)
+    index = {
+        "fs": fs,
+        "seconds": seconds,
+        "seed": seed,
+        "files": {n: jobs[n][0].name for n in names},
+        "scene_hashes": {n: scenes[n].hash for n in names},
+        "presentation": [[names[i] for i in one] for one in order(len(names), repetitions, seed)],
+    }
+    path = folder / "index.json"
+    part = path.with_name("index.json.part")
+    part.write_text(json.dumps(index, indent=1) + "\n")
+    os.replace(part, path)
+    return path
+
+
+def _write(path: Path, scene: dict, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> None:
+    proc = compile(Scene.from_dict(scene), fs, seed=seed)
+    file.write(path, proc, motion, seconds, full_scale=full_scale, progress=False)
+
+
+def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> bool:
+    """Whether a whole file of exactly this job is there already."""
+    try:
+        _, sidecar = file.read(path)
+    except SinkError:
+        return False
+    if not all(callable(m) for m in motion.values()):
+        return False  # the sidecar does not tell one array from another
+    return (
+        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene, fs, round(seconds * fs), seed)
+        and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
+        and all(c["full_scale"] == (full_scale or 1.0) for c in sidecar["channels"])
+        and sidecar["stimlib"] == file.__version__
+    )
+
+
+@contextmanager
+def _bar(total: int, wanted: bool) -> Iterator[Callable[[int], None]]:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not (wanted and console.is_terminal)) as bar:
+        task = bar.add_task("rendering", total=total)
+        yield lambda n: bar.advance(task, n)

@@ -1,0 +1,148 @@
+"""Haptic bumps on a touch screen that vibrates at its resonance: paper 003, chapters 3 and 4."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+from ..blocks.carrier import bump, carrier
+from ..blocks.equalise import equalize, within
+from ..blocks.maps import nonzero
+from ..errors import BadValue
+from ..graph import Input, Param, constant
+from ..scene import Scene
+
+
+def bumps(
+    waveform="square",
+    bumps: float = 6,
+    duty: float = 0.5,
+    amplitude: float = 4.0,
+    length: float = 0.1,
+    freq: float = 158.0,
+    phase: float = 0.0,
+    gain: float = 50.0,
+    displacement=None,
+    limit: float | None = None,
+    headroom: str = "clip",
+    contact: bool = False,
+    sampling: str = "area",
+    rectify: str | None = "half",
+) -> Scene:
+    """Voltage of the piezo patches under a finger that explores bumps: V = gain A e(x/wavelength) c(t).
+
+    e is the unipolar envelope of ``bump``, wavelength = length/bumps; c is the positive half wave of the carrier at the
+    plate's first resonance.
+
+    Parameters
+    ----------
+    waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like
+        See ``bump``.
+    bumps : float
+        Number of bumps over ``length``.
+    duty : float
+        Part of each bump that is ridge, live as ``duty``.
+    amplitude : float
+        Peak A in V before the amplifier, live as ``A``; at 0 the envelope and the carrier are skipped.
+    length : float
+        Of the explored region, in m.
+    freq, phase : float
+        Of the carrier, in Hz, live as ``freq``; and at the first sample, in rad.
+    gain : float
+        Of the amplifier.
+    displacement : (knots, displacement) or path, optional
+        Profile to equalise, positions in m; see ``equalize``.
+    limit : float, optional
+        Largest voltage of the amplifier, in V at its output.
+    headroom : {"clip", "scale"}
+        What happens where the limit is passed; see ``equalize``.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+    sampling : {"area", "point"}
+        Of the envelope.
+    rectify : {"half", "full", None}
+        Of the carrier.
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``voltage`` in V.
+
+    Raises
+    ------
+    BadValue
+        Numbers that make no sense: bumps or length not above 0, a duty outside (0, 1], a carrier above fs/2, and so on.
+
+    References
+    ----------
+    Paper 003, eqs. (16) and (17), sections 4.2 and 4.3, figure 4.1.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import bumps
+    >>> bumps("sine", bumps=18, duty=0.2, amplitude=7.5, contact=True)
+    Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
+    """
+    for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
+        if isinstance(value, str) or not value > 0:
+            raise BadValue(f"bumps: {name} = {value!r} must be above 0")
+    x, A = Input("x", "m"), Param("A", amplitude, "V")
+    on = Input("contact") * nonzero(A) if contact else nonzero(A)
+    e = bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), sampling, on)
+    c = carrier(Param("freq", freq, "Hz"), rectify, phase, on)
+    V = (gain * A) * e * c
+    if displacement is not None:
+        V = equalize(x, displacement, limit, headroom, signal=V, peak=gain * abs(A), contact=on)
+    elif limit is not None:
+        V = within(V, limit, headroom, peak=gain * abs(A))
+    return Scene({"voltage": V})
+
+
+class Stimulus(NamedTuple):
+    """One of the experiment's stimuli; ``bumps(*stimulus)`` is its scene."""
+
+    waveform: str
+    bumps: int
+    duty: float
+    amplitude: float  # V, before the amplifier
+
+    @property
+    def ridge(self) -> float:
+        """Ridge width in m on the experiment's 0.1 m: table 4.1."""
+        return self.duty * 0.1 / self.bumps
+
+    @property
+    def groove(self) -> float:
+        """Groove width in m: table 4.1."""
+        return 0.1 / self.bumps - self.ridge
+
+    @property
+    def displacement(self) -> float:
+        """Amplitude of the plate's centre in m: 30 um per V, section 4.2."""
+        return 30e-6 * self.amplitude
+
+
+def bumps_set() -> list[Stimulus]:
+    """The 81 stimuli of the experiment, in the order in which the paper names its parameters.
+
+    Returns
+    -------
+    list of Stimulus
+        Waveform, number of bumps, duty, amplitude; and ridge and groove width (m), displacement (m) as attributes.
+
+    References
+    ----------
+    Paper 003, section 4.2, tables 4.1 and 6.1.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import bumps, bumps_set
+    >>> stimuli = bumps_set()
+    >>> len(stimuli), stimuli[40]
+    (81, Stimulus(waveform='square', bumps=6, duty=0.5, amplitude=4.0))
+    >>> bumps(*stimuli[40])
+    Scene(x [m], A [V], duty [1], freq [1/s] -> voltage [V])
+    >>> round(1e3 * stimuli[40].ridge, 2), round(1e3 * stimuli[40].groove, 2)
+    (8.33, 8.33)
+    """
+    return [Stimulus(*s) for s in product(("sine", "square", "sawtooth"), (2, 6, 18), (0.2, 0.5, 0.8), (0.5, 4.0, 7.5))]

@@ -1,0 +1,63 @@
+"""Viscoelastic materials along the spectrum from spring to dashpot: paper 001, chapters 3 and 4."""
+
+from math import pi
+
+from ..blocks import equal_force, springpot
+from ..graph import Input, Param
+from ..scene import Scene
+
+REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Derivative orders of the thesis' reference stimuli (section 4.1)."""
+
+
+def viscoelastic(
+    alpha: float = 0.5,
+    chi_0: float = 300.0,
+    firmness: float = 1.0,
+    w: float = 2 * pi,
+    scheme: str = "gl",
+    tol: float = 1e-10,
+    contact: bool = False,
+) -> Scene:
+    """Force of a springpot that answers as strongly, at the frequency w, as a spring of stiffness chi_0.
+
+    f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1).  ``alpha`` sets what the thesis calls bounciness (the
+    phase alpha pi/2), ``firmness`` the strength.
+
+    Parameters
+    ----------
+    alpha : float
+        Order, 0 (spring) to 1 (dashpot); the thesis' references are ``REFERENCES``.
+    chi_0 : float
+        Stiffness in N/m of the spring with equal force; 0.3 N/mm in the thesis.
+    firmness : float
+        Factor on chi, live as ``firmness``; 1 is a reference stimulus.
+    w : float
+        Angular frequency of equal force in rad/s.
+    scheme, tol
+        See ``springpot``; the thesis' operator is "gl", its own ways to compute it are "gl-downsampled" and
+        "gl-short-memory".
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0, and re-contact starts anew at rest.
+
+    Returns
+    -------
+    Scene
+        Input ``y`` in m, output ``force`` in N.
+
+    References
+    ----------
+    Paper 001, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the thesis.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import viscoelastic
+    >>> viscoelastic(alpha=0.25)
+    Scene(y [m], firmness [1] -> force [N])
+    """
+    y = Input("y", "m")
+    chi = equal_force(chi_0, 0.0, alpha, w)
+    touching = Input("contact") if contact else None
+    horizon = 60.0 if scheme == "gl-downsampled" else 86400.0  # the downsampled method keeps all of it
+    unit = springpot(y, chi, alpha, scheme, tol, horizon, contact=touching)
+    return Scene({"force": Param("firmness", firmness) * unit}, law="viscoelastic")
