@@ -23,7 +23,6 @@ from stimlib.blocks import (
     springpot,
     springpot_stiffness,
 )
-from stimlib.blocks.fractional import binomials
 from stimlib.blocks.relaxation import creep_compliance
 from stimlib.devices.motion import ramp_and_hold
 
@@ -53,47 +52,50 @@ def history(alpha=0.5):
     chi, t = equal_force(300.0, 0.0, alpha, W), np.arange(3 * FS) / FS
     movements = {
         "pressed at 1 Hz": 0.005 * (1 - np.cos(W * t)),
-        "pressed in 0.1 s, then held": ramp_and_hold(depth=0.01, rise=0.1, start_time=0.1, hold=10.0)(t),
+        "pressed in 0.1 s, then held": ramp_and_hold(depth=0.01, rise=0.1, start_time=0.1)(t),
     }
     methods = [
-        ("thesis: last 100 samples", "C1", {"scheme": "gl-short-memory"}),
-        ("thesis: 100 samples of all", "C2", {"scheme": "gl-downsampled", "horizon": 3.0}),
-        *((f"springpot, tol = {tol:g}", shade, {"tol": tol}) for tol, shade in ((1e-6, "#7fb0ff"), (1e-10, "#1f5fd0"), (1e-14, "#0b2a66"))),
-    ]  # fmt: skip
-    weights = binomials(alpha, t.size).astype(np.longdouble)
-    fig = Figure(figsize=(10, 6.6), layout="constrained")
+        ("thesis: last 100 samples", "C1", "-", {"scheme": "gl-short-memory"}),
+        ("thesis: 100 samples of all", "C2", "-", {"scheme": "gl-downsampled", "horizon": 3.0}),
+        ("springpot, tol = 1e-6", "#7fb0ff", "-", {"tol": 1e-6}),
+        ("springpot, tol = 1e-10", "#1f5fd0", "--", {"tol": 1e-10}),
+        ("springpot, tol = 1e-14", "#0b2a66", "-", {"tol": 1e-14}),
+    ]
+    j = np.arange(1, t.size, dtype=np.longdouble)
+    v = np.cumprod(np.r_[1, (j - alpha) / j])
+    fig = Figure(figsize=(10, 7), layout="constrained")
     rows = fig.subplots(3, 2, sharex=True, sharey="row", height_ratios=(1, 2.6, 2.6))
     for (top, middle, below), (title, y) in zip(rows.T, movements.items(), strict=True):
-        full = chi * FS**alpha * np.convolve(weights, y - y[0])[: t.size]
+        full = chi * FS**alpha * np.convolve(v, np.diff(y, prepend=y[0]))[: t.size]
         top.plot(t, 1e3 * y, color="0.3", lw=1)
         top.set_title(title)
-        middle.plot(t, full, color="0.72", lw=5, label="full sum, up to 3000 samples")
-        for name, color, how in methods:
+        middle.plot(t, full, color="0.75", lw=6, label="full sum, up to 3000 samples")
+        for name, color, style, how in methods:
             f = run(springpot(Y, chi, alpha, **how), y)
             error = np.abs(f - full).astype(float) / float(np.abs(full).max())
-            below.semilogy(t, np.maximum(error, 1e-18), color=color, lw=0.9, label=name)
+            below.semilogy(t[::3], np.where(error > 0, error, np.nan)[::3], color=color, lw=0.9, label=name)
             print(f"{title}: {name}: {error.max():.2g}")
             if how.get("tol", 1e-10) == 1e-10:
-                middle.plot(t, f, color=color, lw=1.1, label=name)
+                middle.plot(t, f, style, color=color, lw=1.6)
         below.set(ylim=(1e-18, 10), yticks=10.0 ** np.arange(-18, 1, 3), xlabel="time / s", xlim=(0, 3))
     for row, name in zip(rows, ("y / mm", "force / N", "error / largest force"), strict=True):
         row[0].set_ylabel(name)
         for ax in row:
             ax.grid(alpha=0.3)
-    rows[1, 1].legend(loc="upper right")
-    rows[2, 1].legend(loc="lower right", ncols=2, fontsize=8)
+    (band, name), (lines, names) = (ax.get_legend_handles_labels() for ax in rows[1:, 0])
+    fig.legend(band + lines, name + names, loc="outside lower center", ncols=3)
     save(fig, "history")
 
 
 # Figure 1.1 ----------------------------------------------------------------------------------------------------------
 def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=1.0):
     """Ramps and holds on springs and dashpots, and steps of force: blocks as lines, the continuous law as dots."""
-    fig = Figure(figsize=(11, 6.4), layout="constrained")
+    fig = Figure(figsize=(11, 6.8), layout="constrained")
     (a, b1, b2), (c, d, e) = fig.subplots(2, 3)
     start, n = 0.2, 2 * FS
     t = np.arange(n) / FS
     for ax, rise, style in ((b1, 0.1, "-"), (b2, 0.8, "--")):
-        y = ramp_and_hold(depth=depth, rise=rise, start_time=start, hold=10.0)(t)
+        y = ramp_and_hold(depth=depth, rise=rise, start_time=start)(t)
         on, off, v = np.maximum(t - start, 0), np.maximum(t - start - rise, 0), depth / rise
         a.plot(t, 1e3 * y, style, color="0.2", label=f"in {rise:g} s")
         rows = (
@@ -105,19 +107,17 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
         )  # fmt: skip
         for name, color, block, law in rows:
             f = run(block, y)
-            ax.plot(t, f, style, color=color, lw=1.3, label=name)
+            ax.plot(t, f, style, color=color, lw=1.3)
             dots(ax, t, law, color)
             far = np.minimum(abs(t - start), abs(t - start - rise)) > 0.01
             print(f"ramp of {rise:g} s: {name}: off the law by {np.abs(f - law)[far].max() / np.abs(law).max():.1g}")
         ax.set(title=f"force, pressed in {rise:g} s", ylabel="force / N", ylim=(-0.05, 1.45))
     a.set(title="stress relaxation: what is done", ylabel="displacement / mm")
     a.legend(loc="lower right")
-    b2.legend(loc="upper left", fontsize=8)
 
     n, end = 4 * FS, 2.0
     t = np.arange(n) / FS
     f = force * ((t >= start) & (t < end))
-    on, off = np.maximum(t - start, 0), np.maximum(t - end, 0)
     c.plot(t, f, color="0.2")
     rows = (
         ("spring", SPRING, F / constant(k, "N/m"), {"k0": k}),
@@ -127,10 +127,13 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
         (f"springpot, alpha = {alpha:g}", POT, None, {"springpot": (chi, alpha)}),
     )
     for name, color, block, what in rows:
-        law = force * (creep_compliance(on, **what) * (t >= start) - creep_compliance(off, **what) * (t >= end))
+        late = 0.0 if block is None else 0.5 / FS  # a step takes one sample
+        on, off = (np.where(t < at, 0, creep_compliance(np.maximum(t - at + late, 0), **what)) for at in (start, end))
+        law = force * (on - off)
         if block is None:
             creep = law
-            d.plot(t, 1e3 * law, ":", color=color, lw=1.2, label=name + " (law)")
+            d.plot(t, 1e3 * law, ":", color=color, lw=1.2)
+            d.plot([], [], color=color, lw=1.3, label=name)
         else:
             got = run(block, f)
             d.plot(t, 1e3 * got, color=color, lw=1.3, label=name)
@@ -138,14 +141,17 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
             print(f"creep: {name}: off the law by {np.abs(got - law)[far].max() / np.abs(law).max():.1g}")
         dots(d, t, 1e3 * law, color, 200, 50)
     back = run(springpot(Y, chi, alpha, scheme="l1"), creep)
-    e.plot(t, back, color=POT, lw=1.3, label="springpot block")
+    e.plot(t, back, color=POT, lw=1.3)
     dots(e, t, f, POT, 200, 50)
     far = np.minimum(abs(t - start), abs(t - end))
-    print(f"force of the springpot along its creep: off by {np.abs(back - f)[far > 0.02].max():.1g} N beyond 20 ms, most {np.abs(back - f).max():.2g} N")
+    off = np.abs(back - f)[far > 0.02].max()
+    print(f"force of the springpot along its creep: off by {off:.1g} N beyond 20 ms, at most {back.max():.3g} N")
     c.set(title="creep: what is done", ylabel="force / N")
     d.set(title="displacement", ylabel="displacement / mm", ylim=(-1, 52))
-    e.set(title="force of a springpot moved along its creep", ylabel="force / N", ylim=(-0.35, 1.45))
-    d.legend(loc="upper left", fontsize=8)
+    e.set(title="force of a springpot moved like that", ylabel="force / N", ylim=(-0.35, 1.45))
+    lines, names = d.get_legend_handles_labels()
+    (law,) = d.plot([], [], "o", color="0.2", ms=4.5, mfc="white", mew=1.1)
+    fig.legend([*lines, law], [*names, "the continuous law"], loc="outside lower center", ncols=6)
     for ax in (a, b1, b2, c, d, e):
         ax.set(xlabel="time / s", xlim=(0, 2 if ax in (a, b1, b2) else 4))
         ax.grid(alpha=0.3)
@@ -161,8 +167,8 @@ def stiffness(chi0=300.0, depth=0.01):
     size, phase = fig.add_subplot(grid[1, 0]), fig.add_subplot(grid[1, 1])
     t, f = np.arange(3 * FS + 1) / FS, np.geomspace(0.1, 500, 200)
     y = depth * np.sin(W * t)
-    wave.plot(t, 1e3 * y * chi0 / 1e3, "k", lw=3.5, alpha=0.25, label="y, scaled")
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.9, len(ORDERS)))
+    wave.plot(t, chi0 * y, color="0.8", lw=5, label="y times 300 N/m")
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(ORDERS)))
     few = f[::12]
     for alpha, color in zip(ORDERS, shades, strict=True):
         chi = equal_force(chi0, 0.0, alpha, W)
@@ -171,10 +177,8 @@ def stiffness(chi0=300.0, depth=0.01):
         law, sampled = springpot_stiffness(chi, alpha, W * f), proc.response("f", "y", few)
         size.loglog(f, np.where(law.storage > 1e-9, law.storage, np.nan), color=color, lw=1.3)
         size.loglog(f, np.where(law.loss > 1e-9, law.loss, np.nan), "--", color=color, lw=1.3)
-        for part, mark in ((sampled.real, "o"), (sampled.imag, "s")):
-            size.loglog(few, np.where(part > 1e-9 * abs(sampled), part, np.nan), mark, color=color, ms=3, mfc="white")
-        phase.semilogx(f, np.degrees(law.phase), color=color, lw=1.3, label=f"alpha = {alpha:g}")
-        phase.semilogx(few, np.degrees(np.angle(sampled)), "o", color=color, ms=3.5, mfc="white")
+        phase.semilogx(f, np.degrees(law.phase), color=color, lw=1.3)
+        phase.semilogx(few, np.degrees(np.angle(sampled)), "o", color=color, ms=4, mfc="white")
         for hz, mark in ((0.5, "v"), (1.0, "o"), (2.0, "^")):
             k = springpot_stiffness(chi, alpha, W * hz)
             polar.plot(k.phase, k.magnitude, mark, color=color, ms=6, clip_on=False, zorder=3)
@@ -187,7 +191,7 @@ def stiffness(chi0=300.0, depth=0.01):
     polar.set(thetamin=0, thetamax=90, rmax=620, rticks=[150, 300, 450, 600])
     polar.set_title("k_C at 0.5 (▾), 1 (●) and 2 Hz (▴); along: N/m", pad=12)
     size.set(title="storage (line) and loss (dashed) / N/m", xlabel="frequency / Hz", ylim=(20, 2e5))
-    phase.set(title="phase of force before displacement / degrees", xlabel="frequency / Hz", yticks=np.linspace(0, 90, 5))
+    phase.set(title="phase of the force / degrees; dots: block at 1 kHz", xlabel="frequency / Hz", yticks=np.linspace(0, 90, 5))
     for ax in (wave, size, phase):
         ax.grid(alpha=0.3)
     save(fig, "stiffness")
@@ -202,34 +206,37 @@ def work(seconds="10.0", alpha="0.5", movement="sinusoid"):
         machine = next(csv.DictReader(f))["what"]
     families = (
         ("springpot gl, tol", "springpot gl, tol 1e-4 .. 1e-14", "o-", "C0"),
+        ("springpot gl, tol 1e-10, blocks", "springpot gl, tol 1e-10, in blocks of 64", "o", "#7fb0ff"),
         ("springpot l1", "springpot l1, tol 1e-4, 1e-10", "s-", "C3"),
         ("springpot gl-downsampled", "thesis: 100 samples of all", "v", "C2"),
         ("springpot gl-short-memory", "thesis: last 100 samples", "^", "C1"),
         ("full GL, direct", "full GL, direct (numpy)", "D", "0.2"),
         ("full GL by FFT", "full GL by FFT (scipy), whole file", "D", "0.6"),
         ("Oustaloup", "Oustaloup, 7 .. 49 poles (scipy)", "x-", "C5"),
-        ("fracmem, streaming", "fracmem, p = 8 .. 64, streaming", "+-", "C6"),
-        ("fracmem, whole file", "fracmem, p = 8 .. 64, whole file", "1-", "C4"),
+        ("fracmem ... streaming", "fracmem, p = 8 .. 64, streaming", "+-", "C6"),
+        ("fracmem ... whole file", "fracmem, p = 8 .. 64, whole file", "1-", "C4"),
         ("pycaputo", "pycaputo L1, whole file", "*", "C7"),
         ("differint", "differint GL, whole file", "P", "C8"),
     )
-    fig = Figure(figsize=(11, 5.6), layout="constrained")
+    fig = Figure(figsize=(11, 6.2), layout="constrained")
     axes = fig.subplots(1, 2, sharey=True)
     for ax, field in zip(axes, ("error_to_full_gl", "error_to_derivative"), strict=True):
         for start, label, style, color in families:
-            first, _, last = start.partition(", ") if "fracmem" in start else (start, "", "")
-            points = [r for r in rows if r["method"].startswith(first) and r["method"].endswith(last) and "blocks" not in r["method"]]
-            if ax is axes[0] and "l1" in start.lower() or ax is axes[0] and start == "pycaputo":
+            first, _, last = start.partition(" ... ")
+            points = [r for r in rows if r["method"].startswith(first) and r["method"].endswith(last)]
+            points = [r for r in points if ("blocks" in r["method"]) == ("blocks" in start)]
+            if ax is axes[0] and "L1" in label.upper():
                 points = []  # another sum
             x, y = ([float(r[key]) for r in points] for key in (field, "ns_per_sample"))
             ax.loglog(x, y, style, color=color, ms=7, lw=1, label=label)
             if start == "springpot gl, tol" and ax is axes[0]:
-                for r, u, v in zip(points, x, y, strict=True):
-                    ax.annotate(r["method"].split()[-1], (u, v), (0, -15), textcoords="offset points", ha="center", fontsize=8)
+                for r, *at in zip(points, x, y, strict=True):
+                    exponent = f"1e{np.log10(float(r['method'].split()[-1])):.0f}"
+                    ax.annotate(exponent, at, (0, -15), textcoords="offset points", ha="center", fontsize=8)
         ax.grid(alpha=0.3)
     axes[0].set(xlabel="error to the full GL sum / largest force", ylabel="ns per sample", ylim=(3, 1e5))
     axes[1].set(xlabel="error to the continuous derivative / largest force")
-    axes[0].legend(*axes[1].get_legend_handles_labels(), fontsize=8, loc="upper left", ncols=2)
+    fig.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     fig.suptitle(f"1 Hz sinusoid from rest, {float(seconds):g} s at 1 kHz, alpha = {alpha}\n{machine}", fontsize=9)
     save(fig, "work")
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..blocks.delay import Delay
 from ..blocks.fir import Differentiator
+from ..blocks.fractional import Springpot
 from ..blocks.impedance import FirstOrder, Velocity
 from ..blocks.modes import Pinking, PinkNoise
 from ..graph import Block
@@ -73,6 +74,22 @@ def _delay(b: Any, fs: float) -> Response:
     return Response(lambda f: np.exp(-2j * np.pi * f * n / fs), 1e-12, fs / 1000, fs / 2, False, f"delay of {n} samples")
 
 
+def _springpot(b: Any, fs: float) -> Response:
+    top = fs / 1000
+    if b.scheme == "gl":  # what the sum over all history is, in closed form
+
+        def law(f):
+            return (fs * (1 - np.exp(-2j * np.pi * f / fs))) ** b.order
+
+        return Response(law, 10 * b.tol + 1e-12, 100 / b.horizon, top, False, f"(fs (1 - 1/z))^{b.order:g}")
+    tol = (2 * math.pi * top / fs) ** max(1.0, 2 - b.order) + 10 * b.tol
+
+    def continuous(f):
+        return (2j * np.pi * f) ** b.order
+
+    return Response(continuous, tol, 100 / b.horizon, top, False, f"(i w)^{b.order:g}")
+
+
 RESPONSES: dict[type[Block], Callable[[Any, float], Response]] = {
     PinkNoise: _pink,
     Pinking: _pinking,
@@ -80,6 +97,7 @@ RESPONSES: dict[type[Block], Callable[[Any, float], Response]] = {
     Velocity: _velocity,
     FirstOrder: _first_order,
     Delay: _delay,
+    Springpot: _springpot,
 }
 
 
@@ -171,3 +189,78 @@ def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float,
     h = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], np.r_[fs, np.zeros(n)])
     off = 2 * resolution * float(np.max(np.abs(h)))
     return 2 * off, off
+
+
+# Springpot ---------------------------------------------------------------------------------------------------------------
+def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
+    """v_0 .. v_{n-1} of the sum over first differences, in extended precision: Gruenwald-Letnikov or L1."""
+    j = np.arange(n, dtype=np.longdouble)
+    a = np.longdouble(alpha)
+    if scheme == "gl":
+        return np.cumprod(np.r_[np.longdouble(1), (j[1:] - a) / j[1:]])
+    v = (j + 1) ** (1 - a) - j ** (1 - a) if alpha < 1 else np.r_[np.longdouble(1), np.zeros(n - 1, np.longdouble)]
+    far = j > 100  # the difference of two large powers, without losing digits
+    v[far] = j[far] ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j[far]))
+    return v / np.longdouble(math.gamma(2 - alpha))
+
+
+def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """D^alpha y at some samples by the full sum of paper 001, eq. (3.1), from rest; and the same sum of absolute values."""
+    v = springpot_weights(scheme, alpha, int(at.max()) + 1)
+    d = np.diff(y.astype(np.longdouble), prepend=np.longdouble(y[0]))
+    if alpha == 0:
+        d[0] = 0
+    scale = np.longdouble(fs) ** np.longdouble(alpha)
+    pairs = [(v[: n + 1] @ d[n::-1], v[: n + 1] @ np.abs(d[n::-1])) for n in at]
+    return np.array([float(s * scale) for s, _ in pairs]), np.array([float(s * scale) for _, s in pairs])
+
+
+# Bumps -------------------------------------------------------------------------------------------------------------------
+def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
+    """Integral of the envelope from 0 to w, 0 <= w <= 1."""
+    s = np.minimum(w, d)
+    if waveform == "square":
+        return s
+    if waveform == "sawtooth":
+        return s * s / (2 * d)
+    if waveform == "half_sine":
+        return d / np.pi * (1 - np.cos(np.pi * s / d))
+    pi = np.longdouble(math.pi)
+    return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (1 - np.cos(pi * d))
+
+
+def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: float) -> np.ndarray:
+    """Mean of the unipolar wave over u[n-1] .. u[n], paper 003, figure 4.1; 0 off contact."""
+    u = u.astype(np.longdouble)
+    d = np.longdouble(duty)
+    touching = contact > 0
+    before = np.r_[u[:1], u[:-1]]
+    first = touching & ~np.r_[False, touching[:-1]]
+    before[first] = u[first]
+    du = u - before
+
+    def integral(z):
+        return np.floor(z) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(waveform, z - np.floor(z), d)
+
+    same = (np.floor(u) == np.floor(before)) & ((u - np.floor(u) < d) == (before - np.floor(before) < d))
+    same |= waveform in ("sine", "half_sine")  # they have no edges
+    still = (np.abs(du) < 1e-8) & same  # the value there: a difference of integrals would have no digits left
+    step = np.where(still, np.longdouble(1e-9), du)
+    low = np.where(still, u, before)
+    low = low - np.floor(low)  # places within a period have all their digits
+    e = (integral(low + step) - integral(low)) / step
+    return np.where(touching, e, 0).astype(float)
+
+
+def carrier_half(freq: float, fs: float, n: int) -> np.ndarray:
+    """Positive half wave of a sinusoid, each sample a mean over the sample period, set right at freq."""
+    step = np.longdouble(freq) / np.longdouble(fs)
+    pi = np.longdouble(math.pi)
+
+    def integral(z):
+        s = z - np.floor(z)
+        return np.floor(z) / pi + np.where(s < 0.5, (1 - np.cos(2 * pi * s)) / (2 * pi), 1 / pi)
+
+    t = np.arange(n, dtype=np.longdouble) * step
+    mean = (integral(t + step / 2) - integral(t - step / 2)) / step
+    return (mean / (np.sin(pi * step) / (pi * step))).astype(float)

@@ -152,6 +152,9 @@ def _figures(e: Evidence):
     if e.fingers:
         yield "Force over position (paper 000, figure 4)", _svg(lambda fig: _loops(fig, e), (9, 3.6))
         yield "Vibration, rate and gate", _svg(lambda fig: _vibration(fig, t, e))
+    if e.curves:
+        yield "What the law is made of", _svg(lambda fig: _times(fig, t, e.curves, {}, e))
+        yield "Spectrum of the outputs", _svg(lambda fig: _densities(fig, e), (9, 3.6))
     if any(tap.spectrum for tap in e.taps):
         yield "Noise before gate and rate, against the model", _svg(lambda fig: _spectra(fig, e), (9, 3.8))
 
@@ -180,13 +183,26 @@ def _curve(ax, t, y, **style):
 
 
 def _times(fig, t, inputs, outputs, e):
-    top, bottom = fig.subplots(2, 1, sharex=True)
-    for ax, curves in ((top, inputs), (bottom, outputs)):
+    both = [curves for curves in (inputs, outputs) if curves]
+    axes = fig.subplots(len(both), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, curves in zip(axes, both, strict=True):
         for name, y in curves.items():
             _curve(ax, t, y, label=name)
         ax.legend(loc="upper right")
         ax.grid(alpha=0.3)
-    bottom.set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
+    axes[-1].set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
+
+
+def _densities(fig, e):
+    from scipy.signal import welch
+
+    ax = fig.subplots()
+    for name, y in zip(e.scene.outputs, e.y, strict=True):
+        f, S = welch(y, e.fs, nperseg=min(8192, y.size))
+        ax.semilogy(f[1:], np.maximum(S[1:], 1e-30), lw=0.7, label=name)
+    ax.set(xlabel="frequency / Hz", ylabel="PSD / unit²/Hz", xlim=(0, min(1000, e.fs / 2)))
+    ax.grid(alpha=0.3)
+    ax.legend()
 
 
 def _loops(fig, e):

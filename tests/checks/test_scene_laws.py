@@ -1,0 +1,113 @@
+"""The laws of the other papers' scenes: what a verifier holds their outputs against, and what it then catches."""
+
+import dataclasses as dc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib.blocks.carrier import LinearBump
+from stimlib.blocks.fractional import Springpot
+from stimlib.checks import laws
+from stimlib.devices.motion import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.devices.recording import recording
+from stimlib.scenes import bumps, viscoelastic
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data" / "touch-evemu"
+
+
+def report(scene, motion, seconds=3.0, fs=8000, **words):
+    return stimlib.verify(scene, motion, stimlib.render(scene, motion, fs, seconds, **words))
+
+
+@pytest.mark.parametrize("scheme", ["gl", "l1"])
+@pytest.mark.parametrize("alpha", [0.0, 0.05, 0.5, 0.95, 1.0])
+@pytest.mark.parametrize("fs", [1000, 8000])
+def test_viscoelastic_is_proved(alpha, scheme, fs):
+    for motion in (sinusoid(0.01, 1.0), ramp_and_hold(0.02, 0.2)):
+        r = report(viscoelastic(alpha, scheme=scheme), {"y": motion}, fs=fs, params={"firmness": 1.3})
+        assert r.passed, str(r)
+        assert any("full sum" in c.name for c in r.checks)
+
+
+def test_weights_are_those_of_the_paper():
+    v = laws.springpot_weights("gl", 0.5, 5)
+    np.testing.assert_allclose(np.cumsum(np.r_[1.0, -0.5, -0.125, -0.0625, -0.0390625])[:5], v.astype(float), rtol=1e-15)
+    v = laws.springpot_weights("l1", 0.5, 300).astype(float)
+    assert v[0] == pytest.approx(2 / np.sqrt(np.pi)) and abs(np.sum(v) - np.sqrt(300) * 2 / np.sqrt(np.pi)) < 1e-12
+
+
+def test_the_thesis_own_methods_have_no_law():
+    r = report(viscoelastic(0.5, scheme="gl-short-memory"), {"y": sinusoid(0.01, 1.0)}, fs=1000)
+    assert r.passed and any("schemes" in t for t in r.evidence.skipped)
+
+
+@pytest.mark.parametrize("waveform", ["square", "sine", "sawtooth", "half_sine"])
+@pytest.mark.parametrize("duty", [0.2, 0.5, 1.0])
+def test_bumps_are_proved(waveform, duty):
+    for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5), sinusoid(0.05, 3.0)):
+        r = report(bumps(waveform, 18, duty, 7.5), {"x": motion})
+        assert r.passed, str(r)
+        assert ("rms of the line spectrum" in str(r)) == (motion.__class__.__name__ == "constant_speed")
+
+
+def test_nothing_is_shown_at_amplitude_zero_and_the_report_says_so():
+    r = report(bumps(amplitude=0.0), {"x": constant_speed(0.02, 0.1)}, seconds=1.0)
+    assert r.passed and np.abs(r.evidence.y).max() == 0
+
+
+def test_limits_and_profiles_have_no_law():
+    assert bumps(limit=150.0).law is None and bumps().law == "bumps"
+
+
+@pytest.mark.parametrize("path", ["finger_touchpad_horizontal.csv", "finger_touchscreen_updown.csv", "stylus_drag_pressure.csv"])
+def test_real_fingers_drive_the_bumps_and_lifts_are_silent(path):
+    if not (DATA / path).is_file():
+        pytest.skip("the recordings are not beside the project")
+    column = {"finger_touchpad_horizontal.csv": "x_raw*1e-5", "finger_touchscreen_updown.csv": "y_raw*1e-4"}.get(
+        path, "x_mm*1e-3"
+    )
+    hand = recording(DATA / path, {"x": column}, reports="on_change")
+    scene = bumps("sine", 18, 0.5, contact=True)
+    motion = hand.for_inputs(tuple(scene.inputs))
+    r = report(scene, motion, hand.duration)
+    assert r.passed, str(r)
+    touching = hand.contact(np.arange(r.evidence.y.shape[1]) / 8000) > 0
+    assert np.all(r.evidence.y[0, ~touching] == 0) and np.abs(r.evidence.y).max() > 1.0
+
+
+def test_page(tmp_path):
+    r = report(bumps(), {"x": sinusoid(0.05, 1.0)}, seconds=1.0)
+    r.to_html(tmp_path / "a.html")
+    page = (tmp_path / "a.html").read_text()
+    assert "What the law is made of" in page and "Spectrum of the outputs" in page and "envelope" in page
+
+
+def scaled(f, change):
+    def design(self, fs):
+        p, s = f(self, fs)
+        return change(p), s
+
+    return design
+
+
+@pytest.mark.parametrize(
+    ("owner", "field", "scene", "motion"),
+    [
+        (Springpot, "scale", viscoelastic(0.5), {"y": sinusoid(0.01, 1.0)}),
+        (LinearBump, "slope", bumps("sawtooth"), {"x": sinusoid(0.05, 1.0)}),
+    ],
+)
+def test_a_number_one_per_mille_off_is_caught(monkeypatch, owner, field, scene, motion):
+    f = owner.design
+    monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * 1.001})))
+    bad = [c for c in report(scene, motion, 1.0).checks if not c.passed]
+    assert "d" in {c.group for c in bad}
+
+
+def test_an_order_slightly_off_is_caught(monkeypatch):
+    f = Springpot.design
+    monkeypatch.setattr(Springpot, "design", lambda self, fs: f(dc.replace(self, order=self.order + 1e-6), fs))
+    bad = {c.group for c in report(viscoelastic(0.5), {"y": sinusoid(0.01, 1.0)}, 1.0).checks if not c.passed}
+    assert {"a2", "d"} <= bad

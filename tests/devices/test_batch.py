@@ -1,0 +1,86 @@
+"""Sets of files: resumable, the same bytes whatever the number of workers, and an order that is fixed by its seed."""
+
+import json
+import os
+
+import pytest
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib import BadValue, SinkError
+from stimlib.cli import app
+from stimlib.devices import file
+from stimlib.devices.batch import order, render_set
+from stimlib.devices.motion import constant_speed
+from stimlib.scenes import bumps, bumps_set
+
+MOTION = {"x": constant_speed(0.02, 0.1)}
+SET = {f"{s.waveform}{s.bumps}": bumps(*s) for s in bumps_set() if s.duty == 0.5 and s.amplitude == 4.0}
+
+
+def listing(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def test_bytes_do_not_depend_on_the_workers(tmp_path):
+    for workers in (1, 2):
+        render_set(tmp_path / str(workers), SET, MOTION, 0.2, full_scale=400.0, workers=workers, progress=False)
+    one = listing(tmp_path / "1")
+    assert one == listing(tmp_path / "2")
+    assert len(one) == 2 * len(SET) + 1 and not [n for n in one if n.endswith(".part")]
+    y, _ = file.read(tmp_path / "1" / "sine6.wav")
+    assert abs(y).max() <= 200.0
+
+
+def test_an_interrupted_set_goes_on(tmp_path):
+    render_set(tmp_path, SET, MOTION, 0.1, workers=1, progress=False)
+    before = listing(tmp_path)
+    kept = os.stat(tmp_path / "sine6.wav").st_mtime_ns
+    (tmp_path / "index.json").unlink()
+    (tmp_path / "square2.wav").unlink()
+    (tmp_path / "square6.wav").write_bytes(before["square6.wav"][:1000])  # what a killed machine leaves
+    render_set(tmp_path, SET, MOTION, 0.1, workers=1, progress=False)
+    assert listing(tmp_path) == before
+    assert os.stat(tmp_path / "sine6.wav").st_mtime_ns == kept
+
+
+@pytest.mark.parametrize(
+    "change", [{"seconds": 0.12}, {"seed": 1}, {"full_scale": 2.0}, {"motion": {"x": constant_speed(0.03, 0.1)}}]
+)
+def test_another_job_is_rendered_again(tmp_path, change):
+    words = {"motion": MOTION, "seconds": 0.1, "workers": 1, "progress": False}
+    one = {"a": SET["sine6"]}
+    render_set(tmp_path, one, **words)
+    before = listing(tmp_path)["a.wav.json"]
+    render_set(tmp_path, one, **words | change)
+    assert listing(tmp_path)["a.wav.json"] != before
+
+
+def test_orders_are_permutations_fixed_by_the_seed():
+    first = order(81, 4, seed=3)
+    assert first == order(81, 4, seed=3) != order(81, 4, seed=4)
+    assert all(sorted(o) == list(range(81)) for o in first) and len({tuple(o) for o in first}) == 4
+    assert order(5, 1, seed=0) == [[3, 2, 1, 4, 0]]  # for all time
+
+
+def test_mistakes(tmp_path):
+    for scenes in ({}, {"../a": SET["sine6"]}, {"": SET["sine6"]}):
+        with pytest.raises(BadValue):
+            render_set(tmp_path, scenes, MOTION, 0.1, progress=False)
+    with pytest.raises(BadValue, match="repetitions"):
+        render_set(tmp_path, SET, MOTION, 0.1, repetitions=0)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SinkError, match="folder"):
+        render_set(tmp_path / "file" / "in", SET, MOTION, 0.1)
+
+
+def test_the_command_renders_the_experiment(tmp_path):
+    done = CliRunner().invoke(app, ["render-set", str(tmp_path / "set"), "--seconds", "0.05", "--seed", "7"])
+    assert done.exit_code == 0, done.output
+    index = json.loads((tmp_path / "set" / "index.json").read_text())
+    assert len(index["files"]) == 81 and [len(p) for p in index["presentation"]] == [81] * 4
+    assert all((tmp_path / "set" / name).is_file() for name in index["files"].values())
+    name = "sawtooth_18_0.2_7.5V"
+    _, sidecar = file.read(tmp_path / "set" / index["files"][name])
+    assert sidecar["scene_hash"] == index["scene_hashes"][name]
+    assert stimlib.Scene.from_dict(sidecar["scene"]).hash == index["scene_hashes"][name]
