@@ -26,7 +26,11 @@ def every_class():
     y = y + maximum(x, 0.1) + minimum(x, k) + nonzero(x) + lut(x, [0, 1, 2], [0, 1, 0]) + delay(x, samples=3)
     y = y + first_order(x, 0.1) + fir(x, [1.0, 2.0]) + pinking(x) + velocity(x) / constant(1.0, "1/s")
     n = enabled(differentiator(pink_noise(1.0, seed=1, f_low=10), passband=1000), by=loading(velocity(x)))
-    return Scene({"y": y, "n": n})
+    arm = generalized_maxwell(x * constant(1.0, "m"), 1.0, [(1.0, 0.1)])
+    m = springpot(x, 1.0, 0.5) + springpot(x, k, 0.5 * k, "l1") + arm \\
+        / constant(1.0, "N") + track(x) + bump(x, "sine", 0.5) * bump(x, "square", 0.5) * bump(x, [0, 1], 0.5) * carrier(158.0)
+    m = m + lut(x, [0, 1, 2, 3], [0, 1, 0, 2], kind="polynomial") + track_velocity(x) / constant(1.0, "1/s")
+    return Scene({"y": y, "n": n, "m": m})
 def squeeze():
     return stimlib.scenes.squeeze()
 def chain(n=10000):
@@ -43,7 +47,8 @@ def fresh(line: str, cache: str, rounds: int) -> float:
     times = []
     for _ in range(rounds):
         code = CODE + f"start = time.perf_counter()\n{line}\nprint(time.perf_counter() - start)"
-        done = subprocess.run([sys.executable, "-c", code], env=os.environ | {"STIMLIB_CACHE": cache}, capture_output=True, text=True)
+        env = os.environ | {"STIMLIB_CACHE": cache}
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         times.append(float(done.stdout.split()[-1]))
     return statistics.median(times)
@@ -52,8 +57,10 @@ def fresh(line: str, cache: str, rounds: int) -> float:
 def main():
     rows: list[dict[str, object]] = [{"what": machine(), "seconds": ""}]
     with tempfile.TemporaryDirectory() as cache:
-        rows.append({"what": "all block classes cold, empty cache", "seconds": fresh("stimlib.compile(every_class(), 8000)", cache, 1)})
-        rows.append({"what": "first compile of a process (starts numba)", "seconds": fresh("stimlib.compile(trivial, 8000)", cache, 5)})
+        line = "stimlib.compile(every_class(), 8000)"
+        rows.append({"what": "these classes cold, empty cache", "seconds": fresh(line, cache, 1)})
+        line = "stimlib.compile(trivial, 8000)"
+        rows.append({"what": "first compile of a process (starts numba)", "seconds": fresh(line, cache, 5)})
         line = "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); stimlib.compile(s, 8000)"
         rows.append({"what": "squeeze from the cache, numba started", "seconds": fresh(line, cache, 5)})
         line = "s = squeeze(); stimlib.compile(s, 8000); start = time.perf_counter(); stimlib.compile(squeeze(), 8000)"
