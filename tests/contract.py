@@ -496,6 +496,8 @@ TABLE += [
         rates=(1000.0,)),
     Entry("springpot_short_memory", "ShortMemory",
         lambda y, c: b.springpot(y, 25.0, 0.35, "gl-short-memory", contact=c > 0.0), (squeeze, held), rates=(1000.0, 8000.0)),
+    Entry("compliance", "Integral", lambda f: b.compliance(f, 25.0, 0.35), (normal,), unit="N"),
+    Entry("compliance_dashpot", "Integral", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"),
     Entry("springpot_last_100", "ShortMemory", lambda y: b.springpot(y, 25.0, 0.35, "gl-short-memory"), (squeeze,), lti=True,
         unit="m"),
 ]  # fmt: skip

@@ -3,6 +3,7 @@
 from ..graph import constant, enabled
 from .actuator import force_limit, motor_current, skin_drive, static_limit
 from .carrier import bump, carrier
+from .creep import compliance
 from .delay import delay
 from .equalise import equalize
 from .fir import differentiator, fir
@@ -24,10 +25,10 @@ from .table import lut
 from .tracking import track, track_velocity
 
 __all__ = [
-    "bump", "carrier", "clip", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell",
-    "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp", "fir", "first_order",
-    "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum", "maxwell", "minimum",
-    "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive", "spring", "springpot",
-    "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh", "track", "track_velocity",
-    "velocity", "where", "white_noise",
+    "bump", "carrier", "clip", "compliance", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt",
+    "compliance_maxwell", "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp",
+    "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum",
+    "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive", "spring",
+    "springpot", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh", "track",
+    "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

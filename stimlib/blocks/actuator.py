@@ -83,7 +83,7 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
     --------
     >>> import stimlib
     >>> from stimlib.blocks import constant, differentiator, pink_noise
-    >>> from stimlib.blocks.actuator import skin_drive
+    >>> from stimlib.blocks import skin_drive
     >>> p = constant(0.01, "N") * pink_noise(psd_1hz=1.0, seed=1, f_low=10.0)
     >>> str(skin_drive(differentiator(p, passband=1000.0), m=0.2, B=1.5).dim)
     'N'
@@ -141,7 +141,7 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks.actuator import force_limit
+    >>> from stimlib.blocks import force_limit
     >>> proc = stimlib.compile(stimlib.Scene({"F": force_limit(stimlib.Input("force", "N"))}), fs=1000)
     >>> proc.process(np.array([[90.0, 120.0, -300.0]]))
     array([[  90.,  100., -100.]])
@@ -241,7 +241,7 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks.actuator import static_limit
+    >>> from stimlib.blocks import static_limit
     >>> proc = stimlib.compile(stimlib.Scene({"F": static_limit(stimlib.Input("force", "N"))}), fs=1000)
     >>> y = proc.process(np.full((1, 60_000), 90.0))[0]  # a firm grip for a minute
     >>> y[[0, 1000, -1]].round(1)
@@ -293,7 +293,7 @@ def motor_current(
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks.actuator import motor_current
+    >>> from stimlib.blocks import motor_current
     >>> force, x = stimlib.Input("force", "N"), stimlib.Input("x", "m")
     >>> current = motor_current(force, x, motor_constant=10.0, geometry=([0.0, 0.04], [0.5, 1.0]), kind="linear")
     >>> proc = stimlib.compile(stimlib.Scene({"I": current}), fs=8000)

@@ -176,7 +176,7 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks.tracking import track
+    >>> from stimlib.blocks import track
     >>> proc = stimlib.compile(stimlib.Scene({"y": track(stimlib.Input("x", "m"), bandwidth=20.0)}), fs=8000)
     >>> t = np.arange(8000) / 8000
     >>> reports = 0.1 * np.floor(t * 100) / 100  # 0.1 m/s, a report every 10 ms
@@ -228,7 +228,7 @@ def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks.tracking import track_velocity
+    >>> from stimlib.blocks import track_velocity
     >>> proc = stimlib.compile(stimlib.Scene({"v": track_velocity(stimlib.Input("x", "m"))}), fs=8000)
     >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(9)
     np.float64(0.1)
