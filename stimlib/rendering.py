@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
@@ -76,6 +77,20 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
             at = start + int(np.flatnonzero(~np.isfinite(row))[0])
             raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
     return x
+
+
+def warn_beyond(proc: Processor, frames: int) -> None:
+    """Warn where a run is longer than the horizon up to which a block keeps its tolerance."""
+    for q in proc.program.instances:
+        horizon = getattr(q.block, "horizon", None)
+        if horizon is not None and frames / proc.fs > horizon:
+            warnings.warn(
+                f"{q.block!r}: the run of {frames / proc.fs:g} s is longer than horizon = {horizon:g} s, up to which its tolerance "
+                "holds; beyond, the error grows: give a longer horizon",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+            return
 
 
 def pull(proc: Any, sources: dict[str, Any], frames: int, block: int) -> Iterator[Array]:
@@ -192,6 +207,11 @@ def render(
     -------
     Rendering
 
+    Warns
+    -----
+    RuntimeWarning
+        The run is longer than the horizon of a springpot.
+
     Raises
     ------
     BadValue, UnknownName
@@ -208,6 +228,7 @@ def render(
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)
+    warn_beyond(proc, frames)
     y = np.empty((len(proc.outputs), frames))
     at = 0
     for part in pull(proc, sources, frames, 8192):

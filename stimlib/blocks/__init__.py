@@ -21,6 +21,7 @@ from .relaxation import (
     maxwell,
     standard_linear_solid,
 )
+from .series import springpot_series
 from .table import lut
 from .tracking import track, track_velocity
 
@@ -29,6 +30,6 @@ __all__ = [
     "compliance_maxwell", "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp",
     "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum",
     "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive", "spring",
-    "springpot", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh", "track",
-    "track_velocity", "velocity", "where", "white_noise",
+    "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh",
+    "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

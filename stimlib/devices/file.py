@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..errors import BadValue, FaultError, SinkError, UnitError
 from ..processor import Processor
-from ..rendering import check_names, frames_of, pull, sources_of
+from ..rendering import check_names, frames_of, pull, sources_of, warn_beyond
 
 Array = NDArray[np.float64]
 
@@ -170,6 +170,7 @@ def write(
     if not (isinstance(progress, bool) or progress == "always"):
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
     _check_place(path, sidecar, overwrite)
+    warn_beyond(proc, frames)
     if proc.fault is not None:
         name, index = proc.fault
         raise FaultError(f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path} was not written")
