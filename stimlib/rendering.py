@@ -85,8 +85,8 @@ def warn_beyond(proc: Processor, frames: int) -> None:
         horizon = getattr(q.block, "horizon", None)
         if horizon is not None and frames / proc.fs > horizon:
             warnings.warn(
-                f"{q.block!r}: the run of {frames / proc.fs:g} s is longer than horizon = {horizon:g} s, up to which its tolerance "
-                "holds; beyond, the error grows: give a longer horizon",
+                f"{q.block!r}: the run of {frames / proc.fs:g} s is longer than horizon = {horizon:g} s, up to which its "
+                "tolerance holds; beyond, the error grows: give a longer horizon",
                 RuntimeWarning,
                 stacklevel=3,
             )
