@@ -98,6 +98,10 @@ class Block:
         """Latency of the block in samples."""
         return 0.0
 
+    def fixed(self, *values: float) -> Block | None:
+        """A block with a ``transfer``, equal to this one while its signals after the first have these values."""
+        return None
+
     def memory(self, p: Any) -> int:
         """Samples until a finite-memory block has forgotten its first state."""
         return 0

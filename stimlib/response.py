@@ -65,13 +65,13 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
             parts = [H.get(a) for a in q.args]
-            H[i] = _through(b, design[i][0], z, parts, [value.get(a) for a in q.args])
+            H[i] = _through(b, design[i][0], proc.fs, z, parts, [value.get(a) for a in q.args])
             if H[i] is None:
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
 
 
-def _through(b: Any, p: Any, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
+def _through(b: Any, p: Any, fs: float, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
     """Response after a block whose signals have responses H (None: the source does not reach it)."""
     h = [0.0 if v is None else v for v in H]
     if isinstance(b, Guard):
@@ -88,6 +88,9 @@ def _through(b: Any, p: Any, z: np.ndarray, H: list[Any], value: list[float | No
         return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
     if isinstance(b, Div):
         return H[0] / value[1] if H[0] is not None and value[1] is not None else None
+    fixed = b.fixed(*value[1:]) if None not in value[1:] else None  # what it is while its other signals stand still
+    if fixed is not None:
+        b, p = fixed, fixed.design(fs)[0]
     if type(b).transfer is None or H[0] is None or any(v is None for v in value[1:]):
         return None  # only the first signal may vary
     return type(b).transfer(p, z) * H[0]

@@ -295,6 +295,10 @@ class SpringpotLive(Block):
             raise UnitError(f"springpot: the order alpha {self.alpha!r} is in {u[1]}, it must be without unit")
         return force_unit("springpot", u[0])
 
+    def fixed(self, *values):
+        alpha, contact = values
+        return Springpot(self.y, as_block(contact), alpha, self.scheme, self.tol, self.horizon, self.onset)
+
     def design(self, fs):
         rates = soe.rates(self.tol, self.horizon * fs)
         live = soe.live(rates, self.scheme)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError
-from ..graph import Block, Const, Enabled, Input, pack, reach, signals
+from ..graph import Block, Const, Enabled, Input, Mul, Param, pack, reach, signals
 from ..processor import Processor, compile
 from ..rendering import Rendering, positions, sources_of
 from ..scene import Scene
@@ -335,7 +335,12 @@ def _scene_law(e: Evidence) -> list[Check]:
     if law is None:
         e.skipped.append(f"the law {e.scene.law!r} is not known to this version")
         return []
-    return law(e)
+    try:
+        return law(e)
+    except (KeyError, StopIteration, SceneError) as error:
+        return [
+            Check("d", "shape of the scene", 1, 0, f"not what the law {e.scene.law!r} is for ({error or type(error).__name__})")
+        ]
 
 
 def _squeeze(e: Evidence) -> list[Check]:
@@ -410,10 +415,10 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float) -> list[Chec
 
 def _viscoelastic(e: Evidence) -> list[Check]:
     """The springpot's force at some samples against the full sum over the history, in extended precision."""
-    from ..blocks.fractional import Springpot
+    from ..blocks.fractional import Downsampled, ShortMemory, Springpot
 
-    spring = next((b for b in reach(e.scene.outputs.values()) if isinstance(b, Springpot)), None)
-    if spring is None:
+    spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, (Springpot, Downsampled, ShortMemory)))
+    if not isinstance(spring, Springpot):
         e.skipped.append("force: only the full sum's own schemes, gl and l1, have a law")
         return []
     rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
@@ -438,23 +443,31 @@ def _viscoelastic(e: Evidence) -> list[Check]:
 
 def _gain(root: Block) -> float:
     """Product of the plain numbers on the way to the springpot."""
-    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const) and b.value != 1.0]))
+    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const)]))
+
+
+def _factor_of(name: str, blocks: list[Block]) -> float:
+    """The plain number that a live number is multiplied with."""
+    for b in blocks:
+        if isinstance(b, Mul) and isinstance(b.a, Const) and isinstance(b.b, Param) and b.b.name == name:
+            return b.a.value
+    raise SceneError(f"no plain number is multiplied with the live number {name!r}")
 
 
 def _bumps(e: Evidence) -> list[Check]:
     """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model."""
-    from ..blocks.carrier import Carrier, LinearBump, SineBump
+    from ..blocks.carrier import Bump, Carrier
     from . import am
 
     blocks = reach(e.scene.outputs.values())
-    envelope: Any = next((b for b in blocks if isinstance(b, (LinearBump, SineBump))), None)
-    if envelope is None:
+    envelope: Any = next(b for b in blocks if isinstance(b, Bump))
+    if not hasattr(envelope, "waveform"):
         e.skipped.append("voltage: the law knows the named waveforms, not tables")
         return []
     carrier = next(b for b in blocks if isinstance(b, Carrier))
     constants = [b.value for b in reach([envelope.children[0]]) if isinstance(b, Const)]
     per_metre = constants[0]
-    gain = next(b.value for b in blocks if isinstance(b, Const) and b.value not in (1.0, per_metre))
+    gain = _factor_of("A", blocks)
     if carrier.rectify != "half" or carrier.phase or envelope.sampling != "area":
         e.skipped.append("voltage: the law covers area-sampled waves on a half-wave carrier that starts at phase 0")
         return []
@@ -482,9 +495,27 @@ def _bumps(e: Evidence) -> list[Check]:
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {"squeeze": _squeeze, "viscoelastic": _viscoelastic, "bumps": _bumps}
 
 
+def _motor_limits(e: Evidence) -> list[Check]:
+    """Peak and running mean square of outputs that a force limit stands on, computed again from the samples."""
+    from scipy.signal import lfilter
+
+    from ..blocks.actuator import ForceLimit, StaticLimit
+
+    checks = []
+    for y, (name, b) in zip(e.y, e.scene.outputs.items(), strict=True):
+        if isinstance(b, StaticLimit):
+            a = -np.expm1(-1 / (b.tau * e.fs))
+            mean = float(lfilter([a], [1, a - 1], y**2).max(initial=0.0))
+            checks.append(Check("e", f"{name}: static limit", mean, b.limit**2 * (1 + 1e-12), "largest running mean square, N^2"))
+            b = b.x
+        if isinstance(b, ForceLimit) and isinstance(b.peak, Const):
+            checks.append(Check("e", f"{name}: peak limit", float(np.abs(y).max(initial=0.0)), b.peak.value, "N"))
+    return checks
+
+
 def _limits(e: Evidence) -> list[Check]:
     bad = int(np.sum(~np.isfinite(e.shown)))
-    checks = [Check("e", "finite", bad, 0, "samples that are not finite")]
+    checks = _motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
     fault = e.proc.fault
     said = "guards that closed" if fault is None else f"{fault[0]} at sample {fault[1]}"
     checks.append(Check("e", "no fault", int(fault is not None), 0, said))

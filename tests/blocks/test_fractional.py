@@ -690,3 +690,13 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
         errors.append(np.max(np.abs(forces(proc, x)[0][at] / wanted - 1)))
     assert errors[0] < 1e-15 and errors[1] > 2e-14
     weights.cache_clear()
+
+
+def test_response_with_a_live_order_is_that_of_the_order_it_has():
+    y = stimlib.Input("y", "m")
+    f = np.array([0.5, 5.0, 50.0])
+    live = stimlib.compile(stimlib.Scene({"f": springpot(y, 25.0, stimlib.Param("alpha", 0.3))}), 1000)
+    for alpha in (0.3, 0.8):
+        live.set("alpha", alpha, ramp=0.0)
+        fixed = stimlib.compile(stimlib.Scene({"f": springpot(y, 25.0, alpha)}), 1000)
+        np.testing.assert_array_equal(live.response("f", "y", f), fixed.response("f", "y", f))

@@ -111,3 +111,24 @@ def test_an_order_slightly_off_is_caught(monkeypatch):
     monkeypatch.setattr(Springpot, "design", lambda self, fs: f(dc.replace(self, order=self.order + 1e-6), fs))
     bad = {c.group for c in report(viscoelastic(0.5), {"y": sinusoid(0.01, 1.0)}, 1.0).checks if not c.passed}
     assert {"a2", "d"} <= bad
+
+
+@pytest.mark.parametrize("words", [{"bumps": 5}, {"gain": 1.0}, {"bumps": 0.1}])
+def test_numbers_that_happen_to_be_equal_confuse_nothing(words):
+    r = report(bumps(**words), {"x": sinusoid(0.05, 1.0)}, seconds=0.5)
+    assert r.passed, str(r)
+
+
+@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps"])
+def test_a_law_on_a_scene_of_another_shape_fails_and_says_so(law):
+    scene = stimlib.Scene({"voltage": 2 * stimlib.Input("x")}, law=law)
+    r = report(scene, {"x": sinusoid(1.0, 1.0)}, seconds=0.1)
+    assert [c.name for c in r.checks if not c.passed] == ["shape of the scene"], str(r)
+
+
+def test_motor_limits_are_checked_from_the_samples():
+    scene = stimlib.scenes.squeeze(fingers=1, limits=True)
+    r = report(scene, {"x1": ramp_and_hold(0.06, 0.3)}, seconds=20.0)
+    assert r.passed, str(r)
+    measured = {c.name: c.measured for c in r.checks}
+    assert 90.0 < measured["force1: peak limit"] <= 100.0 and 1200.0 < measured["force1: static limit"] <= 37.0**2
