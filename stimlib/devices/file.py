@@ -3,6 +3,9 @@
 Every file NAME has a sidecar NAME.json that says what the samples are, because no audio format has room for a unit.
 Both are complete or absent: they are written beside their place and moved there at the end. The bytes of both depend
 on the signal and on the versions in the sidecar only; there are no dates in them.
+
+While a file is written, NAME.part has its samples so far and NAME.part.json says what they are. The header of NAME.part is
+kept up to date, so a run that is killed leaves a file that can be read; `recover` makes NAME of it.
 """
 
 import hashlib
@@ -11,7 +14,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
@@ -37,6 +40,10 @@ FORMATS = {
 }
 BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
 MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
+PIECE = 0.25  # s of signal that is written at once, at most: what a killed run can lose
+UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
+# NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all is there
+JOURNAL = {"FLAC": "CAF"}
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 
@@ -54,9 +61,10 @@ class FileReport:
     seconds : float, s
         frames / fs.
     clips : dict of str to int
-        Per output, how many samples were limited to full scale; 0 in formats that hold floats.
+        Per output, how many samples were limited to full scale; 0 in formats that hold floats, None where a FLAC file was
+        recovered.
     peak : dict of str to float
-        Per output, the largest absolute value, in the output's unit.
+        Per output, the largest absolute value, in the output's unit; of the samples as stored where they were recovered.
     sidecar : Path
         The JSON file.
 
@@ -69,7 +77,7 @@ class FileReport:
     path: Path
     frames: int
     seconds: float
-    clips: dict[str, int]
+    clips: dict[str, int | None]
     peak: dict[str, float]
     sidecar: Path
 
@@ -100,7 +108,8 @@ def write(
     rint(value / full_scale * 2**23), half to even, limited to -2**23 .. 2**23 - 1; the samples limited are counted.
 
     Memory does not grow with the duration. If anything fails, or on an interrupt, whatever was at ``path`` before is
-    still there and nothing is left beside it.
+    still there and nothing is left beside it. A run that is killed outright leaves ``path`` + ".part", of which `recover`
+    makes a file; it lacks a quarter of a second at most.
 
     Parameters
     ----------
@@ -141,7 +150,8 @@ def write(
     UnitError
         One full scale for outputs with different units.
     SinkError
-        The place cannot be written, the disk is full, or the format cannot hold the signal.
+        The place cannot be written, or is just being written by another run; the disk is full; the format cannot hold the
+        signal.
     FaultError
         The processor reports a fault; no file is written.
 
@@ -159,7 +169,6 @@ def write(
     ((1, 8000), 'N')
     """
     path = Path(path)
-    sidecar = _sidecar(path)
     frames = frames_of(seconds, proc.fs)
     format, subtype = _format(path, format, subtype)
     _check_format(format, subtype, proc, frames)
@@ -169,20 +178,21 @@ def write(
         raise BadValue(f"block must be a whole number of samples above 0, got {block!r}")
     if not (isinstance(progress, bool) or progress == "always"):
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
-    _check_place(path, sidecar, overwrite)
+    _check_place(path, _sidecar(path), overwrite)
     warn_beyond(proc, frames)
     if proc.fault is not None:
         name, index = proc.fault
         raise FaultError(f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path} was not written")
 
-    part, sidecar_part = _part(path), _part(sidecar)
     info: dict[str, Any] = {
         "stimlib": __version__,
         "format": format,
         "subtype": subtype,
         "fs": proc.fs,
         "frames": frames,
-        "channels": [],
+        "channels": [
+            {"name": n, "unit": proc.units[n], "full_scale": s} for n, s in zip(proc.outputs, scales.tolist(), strict=True)
+        ],
         "seed": proc.seed,
         "params": dict(proc.params),
         "index": proc.index,
@@ -191,34 +201,103 @@ def write(
         "scene": proc.scene.to_dict(),
         "scene_hash": proc.scene.hash,
     }
-    complete = False
+    step = min(int(block), max(1, int(PIECE * proc.fs)))
+    part = _part(path)
     try:
-        clips, peak, info["sha256"] = _run(path, proc, sources, frames, format, subtype, scales, int(block), progress)
-        info["channels"] = [
-            {"name": n, "unit": proc.units[n], "full_scale": s, "clips": int(c), "peak": float(p)}
-            for n, s, c, p in zip(proc.outputs, scales.tolist(), clips, peak, strict=True)
-        ]
-        info["versions"] = _versions()
-        with _disk(path):
-            _sync(part)
-            info["file_sha256"] = _file_sha256(part)
-            sidecar_part.write_bytes((json.dumps(info, indent=1, allow_nan=False) + "\n").encode())
-            _sync(sidecar_part)
-            complete = True
-            os.replace(part, path)
-            os.replace(sidecar_part, sidecar)
-            _sync_folder(path.parent)
+        with _locked(path) as begun:
+            _remove(_new(path), _part(_sidecar(path)))  # of a run that was killed
+            with _disk(path, begun):
+                begun.write_bytes(_text(info))
+            clips, peak, info["sha256"] = _run(path, proc, sources, frames, format, subtype, scales, step, progress)
+            for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
+                c |= {"clips": int(clipped), "peak": float(largest)}
+            if format in JOURNAL:
+                _copy(part, path, info)
+            _move(path, info)
+            _remove(part, begun)
     except BaseException:
-        with suppress(OSError):
-            if complete and not part.exists():  # interrupted between the moves: the first cannot be taken back
-                os.replace(sidecar_part, sidecar)
-        for p in (part, sidecar_part):
-            with suppress(OSError):
-                p.unlink()
+        _clean(path)
         raise
-    clip_counts = {c["name"]: c["clips"] for c in info["channels"]}
-    peaks = {c["name"]: c["peak"] for c in info["channels"]}
-    return FileReport(path, frames, frames / proc.fs, clip_counts, peaks, sidecar)
+    return _report(path, info)
+
+
+def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> FileReport:
+    """Make a file of what a run of `write` left when it was killed.
+
+    The samples are those that `write` would have written in a shorter run, and so are the file's bytes. Its sidecar says
+    ``"recovered"``: the frames that were wanted. In it, sha256 (of the signal before it was rounded) and, for FLAC, the number
+    of samples clipped are None, since nobody knows them; peak is that of the samples as stored. `read` takes the
+    file, and ``stimlib verify`` proves it, like any other.
+
+    Parameters
+    ----------
+    path : path
+        The file that was to be written; what is left is ``path`` + ".part" and ``path`` + ".part.json".
+    to : path, optional
+        Where to write instead, with the same suffix.
+    overwrite : bool
+        Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    FileReport
+
+    Raises
+    ------
+    SinkError
+        There is nothing to recover, or not one sample; the run is still alive; what is left was changed; a file is there
+        already; the place cannot be written. What is left stays there then.
+
+    Examples
+    --------
+    >>> recover("missing.wav")
+    Traceback (most recent call last):
+    stimlib.errors.SinkError: nothing to recover: there is no missing.wav.part
+    """
+    sf = _soundfile()
+    path = Path(path)
+    if path.suffix == ".part":
+        path = path.with_suffix("")
+    to = path if to is None else Path(to)
+    if to.suffix.lower() != path.suffix.lower():
+        raise SinkError(f"{to} must end in {path.suffix!r}, as the file that was to be written")
+    if (done := _finish_move(path)) is not None:
+        return done
+    part = _part(path)
+    if not part.is_file():
+        raise SinkError(f"nothing to recover: there is no {part}")
+    _load_sidecar(part, _sidecar(part), begun=True)
+    with _locked(path):
+        info = _load_sidecar(part, _sidecar(part), begun=True)
+        _check_place(to, _sidecar(to), overwrite)
+        channels = info["channels"]
+        try:
+            with sf.SoundFile(part) as f:
+                found = (f.samplerate, f.channels, f.format, f.subtype)
+                wanted = (info["fs"], len(channels), JOURNAL.get(info["format"], info["format"]), info["subtype"])
+                if found != wanted:
+                    raise SinkError(f"{_sidecar(part)} does not belong to {part}: it says {wanted}, the file is {found}")
+                frames = f.frames
+        except sf.SoundFileError as error:
+            raise SinkError(f"nothing to recover: {part} has no samples yet, or was damaged ({error}); remove it") from error
+        if not 0 < frames <= info["frames"]:
+            raise SinkError(f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it")
+        info |= {"sha256": None, "recovered": {"frames": info["frames"]}, "frames": frames}
+        try:
+            peak = _copy(part, to, info)
+            for c, largest in zip(channels, peak, strict=True):
+                c |= {"clips": None if info["subtype"] == "PCM_24" else 0, "peak": float(largest)}
+            _move(to, info)
+        except BaseException:
+            _remove(_new(to), _part(_sidecar(to)))
+            raise
+        _remove(part, _sidecar(part))
+    return _report(to, info)
+
+
+def _report(path: Path, info: dict[str, Any]) -> FileReport:
+    clips, peak = ({c["name"]: c[what] for c in info["channels"]} for what in ("clips", "peak"))
+    return FileReport(path, info["frames"], info["frames"] / info["fs"], clips, peak, _sidecar(path))
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
@@ -239,7 +318,8 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         seed, params (when the file began), index (samples that the processor had done before), log (what `Processor.set`
         had changed, the `Change`s), motion, scene, scene_hash, versions, sha256 (of the signal before it was scaled and
         rounded: the float64 values in physical units, little-endian, all outputs of sample 0, then of sample 1, ...)
-        and file_sha256 (of the audio file). With index 0, scene, seed, log and motion give the signal again.
+        and file_sha256 (of the audio file). With index 0, scene, seed, log and motion give the signal again. A file that was
+        recovered also has recovered; see `recover`.
 
     Raises
     ------
@@ -258,7 +338,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     path = Path(path)
     sidecar = _sidecar(path)
     if not path.is_file():
-        raise SinkError(f"there is no file {path}")
+        raise SinkError(f"there is no file {path}{_hint(path)}")
     info = _load_sidecar(path, sidecar)
     frames, channels = info["frames"], info["channels"]
     try:
@@ -280,7 +360,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     if len(samples) != frames:
         raise SinkError(f"{path} is truncated: {sidecar} says {frames} frames, {len(samples)} can be read")
     if _file_sha256(path) != info["file_sha256"]:
-        raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs")
+        raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs{_hint(path)}")
     return _physical(samples, np.array([c["full_scale"] for c in channels])), info
 
 
@@ -323,6 +403,17 @@ def _sidecar(path: Path) -> Path:
 
 def _part(path: Path) -> Path:
     return path.with_name(path.name + ".part")
+
+
+def _new(path: Path) -> Path:
+    """A copy on its way to its place: a FLAC file being coded, or a file being recovered."""
+    return path.with_name(path.name + ".new.part")
+
+
+def _remove(*paths: Path) -> None:
+    for p in paths:
+        with suppress(OSError):
+            p.unlink()
 
 
 def _soundfile() -> Any:
@@ -409,49 +500,76 @@ def _run(
     block: int,
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
-    """Write the audio file beside its place; clips and peaks per output, and the hash of the signal."""
+    """Write the samples beside their place; clips and peaks per output, and the hash of the signal."""
     outputs, fs, first = proc.outputs, proc.fs, proc.index
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
     last: NDArray[Any] = np.empty((0, len(outputs)))
-    with _bar(frames, progress) as advance, _audio(path, int(fs), len(outputs), format, subtype) as f:
-        done = 0
+    at, done = _part(path), 0
+    now = JOURNAL.get(format, format)
+    with _bar(frames, progress) as advance, _audio(path, at, int(fs), len(outputs), now, subtype) as f:
         for y in pull(proc, sources, frames, block):
             done += y.shape[1]
             if proc.fault is not None:
                 name, index = proc.fault
-                at = index - first
-                raise FaultError(f"output {name} is not finite at sample {at} ({at / fs:.6g} s); {path} was not written")
+                index -= first
+                raise FaultError(f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {path} was not written")
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
             last, clipped = _encode(y, scales, subtype, outputs)
             clips += clipped
-            with _disk(path):
-                f.write(last)
-                if f.frames != done:
-                    raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
+            _put(f, path, at, last, done)
             advance(y.shape[1])
-    _check_end(path, frames, last)
+    _check_end(path, at, frames, last)
     return clips, peak, digest.hexdigest()
 
 
 @contextmanager
-def _audio(path: Path, fs: int, channels: int, format: str, subtype: str) -> Iterator[Any]:
-    """The audio file beside its place, open for writing."""
+def _audio(path: Path, at: Path, fs: int, channels: int, format: str, subtype: str) -> Iterator[Any]:
+    """The audio file at its place for now, open for writing, its header right after every write."""
     sf = _soundfile()
-    with _disk(path):
-        _part(path).write_bytes(b"")  # tells why not, if it cannot; libsndfile says "System error" only
-        f = sf.SoundFile(_part(path), "w", samplerate=fs, channels=channels, subtype=subtype, format=format)
+    with _disk(path, at):
+        at.write_bytes(b"")  # tells why not, if it cannot; libsndfile says "System error" only
+        f = sf.SoundFile(at, "w", samplerate=fs, channels=channels, subtype=subtype, format=format)
+        sf._snd.sf_command(f._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
     try:
         yield f
     except BaseException:
         with suppress(sf.SoundFileError):  # the first error is the one to report
             f.close()
         raise
-    with _disk(path):
+    with _disk(path, at):
         f.close()
-        _undate(_part(path))
+        _undate(at)
+
+
+def _put(f: Any, path: Path, at: Path, samples: NDArray[Any], done: int) -> None:
+    """Append samples (n, channels); the file has done frames then."""
+    with _disk(path, at):
+        f.write(samples)
+        if f.frames != done:
+            raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
+
+
+def _copy(source: Path, path: Path, info: dict[str, Any]) -> Array:
+    """The frames of source that info tells, in their final format, as _new(path); the peak per output."""
+    sf, at, done = _soundfile(), _new(path), 0
+    frames, channels = info["frames"], len(info["channels"])
+    scales = np.array([c["full_scale"] for c in info["channels"]])
+    peak = np.zeros(channels)
+    kind = {"PCM_24": "int32", "FLOAT": "float32", "DOUBLE": "float64"}[info["subtype"]]
+    last: NDArray[Any] = np.empty((0, channels), dtype=kind)
+    with sf.SoundFile(source) as f, _audio(path, at, int(info["fs"]), channels, info["format"], info["subtype"]) as g:
+        while done < frames:
+            last = f.read(min(8192, frames - done), dtype=kind, always_2d=True)
+            if not len(last):
+                raise SinkError(f"{source} is truncated: {frames} frames wanted, {done} can be read")
+            done += len(last)
+            _put(g, path, at, last, done)
+            peak = np.maximum(peak, np.abs(_physical(last.astype(float) if kind == "float32" else last, scales)).max(axis=1))
+    _check_end(path, at, frames, last)
+    return peak
 
 
 def _undate(path: Path) -> None:
@@ -471,12 +589,12 @@ def _undate(path: Path) -> None:
             f.seek(size + size % 2, os.SEEK_CUR)
 
 
-def _check_end(path: Path, frames: int, last: NDArray[Any]) -> None:
+def _check_end(path: Path, at: Path, frames: int, last: NDArray[Any]) -> None:
     """The file has all frames and ends with the samples last written.
 
     libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent.
     """
-    with _disk(path), _soundfile().SoundFile(_part(path)) as f:
+    with _disk(path, at), _soundfile().SoundFile(at) as f:
         if f.frames != frames:
             raise AssertionError("the file is too short")
         f.seek(frames - len(last))
@@ -501,7 +619,7 @@ def _encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> 
 
 
 @contextmanager
-def _disk(path: Path) -> Iterator[None]:
+def _disk(path: Path, at: Path) -> Iterator[None]:
     """What goes wrong inside is an error of the disk or of libsndfile, not of the processor or the motion."""
     try:
         yield
@@ -510,13 +628,13 @@ def _disk(path: Path) -> Iterator[None]:
     except OSError as error:
         raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
     except (_soundfile().SoundFileError, AssertionError) as error:
-        raise SinkError(f"cannot write {path}: {_reason(_part(path)) or error}") from error
+        raise SinkError(f"cannot write {path}: {_reason(at) or error}") from error
 
 
-def _reason(part: Path) -> str | None:
+def _reason(at: Path) -> str | None:
     """Why the system does not let us write; libsndfile keeps it to itself, so try again without it."""
     try:
-        with open(part, "ab", buffering=0) as f:
+        with open(at, "ab", buffering=0) as f:
             for _ in range(64):
                 f.write(bytes(65536))
     except OSError as error:
@@ -548,19 +666,115 @@ def _describe(source: Any) -> str:
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
 
 
-def _load_sidecar(path: Path, sidecar: Path) -> dict[str, Any]:
+def _load_sidecar(path: Path, sidecar: Path, begun: bool = False) -> dict[str, Any]:
+    """What a sidecar says; begun: that of a file that was never finished."""
     if not sidecar.is_file():
-        raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known")
+        raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known{_hint(path)}")
     try:
         info: dict[str, Any] = json.loads(sidecar.read_bytes())
-        typed = [(info["frames"], int), (info["fs"], float), (info["file_sha256"], str)]
+        _text(info)  # only finite numbers
+        typed = [(info["frames"], int), (info["fs"], float)] + ([] if begun else [(info["file_sha256"], str)])
         for c in info["channels"]:
             typed += [(c["name"], str), (c["unit"], str), (c["full_scale"], float)]
         if not all(isinstance(value, kind) for value, kind in typed):
             raise TypeError("a value has the wrong type")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        if begun and info["subtype"] not in FORMATS[info["format"]]:
+            raise ValueError("a subtype that the format does not have")
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote") from error
     return info
+
+
+def _hint(path: Path) -> str:
+    """What to do where a run that was killed left something."""
+    left = next((p for p in (_part(path), _part(_sidecar(path))) if p.is_file()), None)
+    return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
+
+
+def _text(info: dict[str, Any]) -> bytes:
+    return (json.dumps(info, indent=1, allow_nan=False) + "\n").encode()
+
+
+# -- to their places
+
+
+def _clean(path: Path) -> None:
+    """Remove what a run that failed left beside its place, if it is not another run's."""
+    begun = _sidecar(_part(path))
+    with suppress(OSError), open(begun, "rb") as f:
+        if _lock(f):
+            _remove(_part(path), _new(path), _part(_sidecar(path)), begun)
+
+
+def _move(path: Path, info: dict[str, Any]) -> None:
+    """A complete file and its sidecar to their places."""
+    sidecar, ready = _sidecar(path), _new(path) if _new(path).exists() else _part(path)
+    sidecar_part = _part(sidecar)
+    complete = False
+    info["versions"] = _versions()
+    try:
+        with _disk(path, sidecar_part):
+            _sync(ready)
+            info["file_sha256"] = _file_sha256(ready)
+            sidecar_part.write_bytes(_text(info))
+            _sync(sidecar_part)
+            complete = True
+            os.replace(ready, path)
+            os.replace(sidecar_part, sidecar)
+            _sync_folder(path.parent)
+    except BaseException:
+        with suppress(OSError):
+            if complete and not ready.exists():  # interrupted between the moves: the first cannot be taken back
+                os.replace(sidecar_part, sidecar)
+        raise
+
+
+def _finish_move(path: Path) -> FileReport | None:
+    """Of a run that was killed between the two moves, do the second."""
+    sidecar_part = _part(_sidecar(path))
+    if not (path.is_file() and sidecar_part.is_file()):
+        return None
+    try:
+        info = _load_sidecar(path, sidecar_part)
+    except SinkError:
+        return None
+    if _file_sha256(path) != info["file_sha256"]:
+        return None
+    with _locked(path):
+        os.replace(sidecar_part, _sidecar(path))
+        _remove(_part(path), _sidecar(_part(path)))
+    return _report(path, info)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[Path]:
+    """NAME.part.json, held by us alone as long as we are at it; the system lets go of it when we are killed."""
+    sidecar = _sidecar(_part(path))
+    with ExitStack() as stack:
+        with _disk(path, sidecar):
+            while True:
+                f = stack.enter_context(open(sidecar, "ab"))
+                if not _lock(f):
+                    raise SinkError(f"{path} is being written by another run")
+                with suppress(FileNotFoundError):  # whoever had it just removed it
+                    if os.fstat(f.fileno()).st_ino == sidecar.stat().st_ino:
+                        break
+        yield sidecar
+
+
+def _lock(f: Any) -> bool:
+    """Whether nobody else holds the file; True where the system cannot tell."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def _sync(path: Path) -> None:

@@ -372,7 +372,7 @@ def test_a_run_that_is_stopped_from_outside(old, how):
     if how == "SIGINT":
         assert (child.returncode, errors) == (0, "") and listing(old) == before
     else:  # nobody could clean up: what is left is in nobody's way
-        assert listing(old).keys() - before.keys() == {part.name}
+        assert listing(old).keys() - before.keys() == {part.name, part.name + ".json"}
         file.read(path)
         file.write(path, forces(2), MOTION, 0.1)
         assert listing(old).keys() == before.keys()
