@@ -17,6 +17,7 @@ _HOME = {
     "compile": "processor", "Processor": "processor",
     "verify": "checks.verify",
     "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
+    "fit": "identify",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     )
     from .fitting import fit_generalized_maxwell, fit_springpot
     from .graph import Block, Input, Param, constant, enabled
+    from .identify import fit
     from .processor import Processor, compile
     from .rendering import Rendering, render, stream
     from .scene import Scene, load
