@@ -17,7 +17,7 @@ import numpy as np
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.actuator import force_limit, motor_current, static_limit
+from stimlib.blocks.actuator import ForceLimit, Tally, force_limit, motor_current, slew_limit, static_limit
 from stimlib.blocks.carrier import bump, carrier
 from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
@@ -279,6 +279,8 @@ TABLE = [
     Entry("carrier_param", "Carrier", lambda: carrier(Param("f", 80.0, "Hz"), "half")),
     Entry("force_limit", "ForceLimit", lambda x: force_limit(x, 0.5), (normal,), unit="N"),
     Entry("static_limit", "StaticLimit", lambda x: static_limit(x, 0.9, tau=0.05), (normal,), unit="N"),
+    Entry("slew_limit", "SlewLimit", lambda x: slew_limit(x, 900.0), (normal,)),
+    Entry("tally", "Tally", lambda x: Tally(ForceLimit(x, constant(0.5)), x, "clip", "y"), (normal,)),
     Entry("motor_current", "Div", lambda x: motor_current(constant(1.0, "N/m") * x, x, 10.0), (squeeze,), unit="m"),
     Entry(
         "first_order", "FirstOrder", lambda x: b.first_order(x, 0.01), (normal,), lti=True, laws=(ramp_invariant(0.01), lag(0.01))

@@ -1,7 +1,7 @@
 """What researchers compose: one lower-case function per block."""
 
 from ..graph import constant, enabled
-from .actuator import force_limit, motor_current, skin_drive, static_limit
+from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .carrier import bump, carrier
 from .creep import compliance
 from .delay import delay
@@ -29,7 +29,7 @@ __all__ = [
     "bump", "carrier", "clip", "compliance", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt",
     "compliance_maxwell", "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp",
     "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum",
-    "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive", "spring",
-    "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "tanh",
-    "track", "track_velocity", "velocity", "where", "white_noise",
+    "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive",
+    "slew_limit", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
+    "static_limit", "tanh", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

@@ -250,6 +250,94 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
     return StaticLimit(_signal("static_limit", "force", force, "N"), limit, tau)
 
 
+class SlewParams(NamedTuple):
+    step: float  # most that y moves in one sample
+
+
+class SlewState(NamedTuple):
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class SlewLimit(Block):
+    """y follows x by at most rate/fs in one sample; what is not finite passes, for the output's guard to see."""
+
+    x: Block
+    rate: float
+
+    def check(self):
+        positive(self, "rate")
+
+    def design(self, fs):
+        return SlewParams(self.rate / fs), SlewState(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        high, low = s.y + p.step, s.y - p.step
+        y = where(x > high, high, where(x < low, low, x))
+        finite = x - x == 0.0
+        return where(finite, y, x), SlewState(where(finite, y, s.y))
+
+
+def slew_limit(x: Block, rate: float) -> Block:
+    """Follow a signal no faster than a rate, such as the fastest change of force that a transmission bears.
+
+    y[n] = min(max(x[n], y[n-1] - rate/fs), y[n-1] + rate/fs), y[-1] = 0.
+
+    Parameters
+    ----------
+    x : Block
+    rate : float
+        In the unit of x per second, above 0.
+
+    Returns
+    -------
+    Block
+        In the unit of x; x itself, bit for bit, where it moves no faster.
+
+    Raises
+    ------
+    BadValue
+        rate not above 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import slew_limit
+    >>> proc = stimlib.compile(stimlib.Scene({"F": slew_limit(stimlib.Input("force", "N"), rate=1000.0)}), fs=1000)
+    >>> proc.process(np.array([[0.5, 3.0, 3.0, 2.9, 0.0]]))
+    array([[0.5, 1.5, 2.5, 2.9, 1.9]])
+    """
+    return SlewLimit(as_block(x), rate)
+
+
+class TallyState(NamedTuple):
+    n: np.uint64
+
+
+@dataclass(frozen=True, eq=False)
+class Tally(Block):
+    """x, with a count in its state of the samples at which a stage made something else of ``before``."""
+
+    x: Block
+    before: Block
+    stage: str
+    output: str
+
+    def units(self, *u):
+        return same_unit("compare", self.x, self.before, *u)
+
+    def design(self, fs):
+        return (), TallyState(NONE)
+
+    @staticmethod
+    def step(p, s, x, before):
+        return x, TallyState(s.n + where(x == before, NONE, ONE))
+
+
+NONE, ONE = np.uint64(0), np.uint64(1)
+
+
 def motor_current(
     force: Block,
     x: Block,

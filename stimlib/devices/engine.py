@@ -1,0 +1,224 @@
+"""The engine of a sink: a processor, the compiled callback, and the memory that both work on."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..processor import Processor
+from .safety import GAIN, Safety
+from .sources import Live, Recorded, Scripted, Signals, Source
+
+STALE = 0.05
+"""Seconds without motion after which the gain fades out."""
+
+LOG_SECONDS = 4.0
+"""What the log may be behind before samples are missing in it."""
+
+FOREVER = 2**62
+REASONS = ("stop", "fault", "error", "close")
+
+
+@cache
+def _native() -> ModuleType:
+    from ..targets import numba
+
+    return numba.load((Path(__file__).parents[1] / "targets" / "pump.py").read_text(), "pump")
+
+
+# The compiled pump and its memory ------------------------------------------------------------------------------------
+class Pump:
+    """A processor with the memory that the compiled callback works on.
+
+    A device fills in its own words with ``write`` and ``address_of``, and gives its callback ``pump.context`` as user data:
+    ``pump.callback("jack")`` and ``pump.callback("portaudio")`` are the addresses of the callbacks.  It keeps this object
+    alive as long as the device may call.
+
+    Parameters
+    ----------
+    proc : Processor
+        Of a protected scene, target numba, at sample 0.
+    safety : Safety
+    channels : sequence of int
+        For each channel the number of its output, or -1 for silence.
+    source : Source or None
+        See ``stimlib.devices.sources``.
+    log : bool
+        Keep motion, frames for ``drain``; events are always kept.
+    """
+
+    def __init__(self, proc: Processor, safety: Safety, channels: Sequence[int], source: Source | None, log: bool = False):
+        self.native = n = _native()
+        self.proc, self.safety, self.channels = proc, safety, tuple(channels)
+        self.fade = safety.samples(proc.fs)
+        self.slots = {name: j for j, name in enumerate(proc.program.params)}
+        inputs, outputs = len(proc.inputs), len(proc.outputs)
+        self.words = np.zeros(n.WORDS, np.int64)
+        self.arrays: list[np.ndarray] = []
+        self._libc = ctypes.CDLL(None)
+
+        place = self.address_of
+        entry, context = proc.address
+        program = proc._engine.ctx  # see targets/runtime.py
+        ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * n.CHUNK)))
+        rows = max(inputs, 1)
+        integers = np.int64
+        self._fill(
+            ENTRY=entry, CONTEXT=context, PENDING=int(program[13]), N_IN=inputs, N_OUT=outputs, CHANNELS=len(self.channels),
+            MAP=place(np.array(self.channels, integers)), SCALES=place(safety.scales(proc.outputs)),
+            X=place(np.zeros(rows * n.CHUNK)), Y=place(np.zeros(outputs * n.CHUNK)),
+            GAIN_SLOT=self.slots[GAIN], FADE=self.fade, FADE_AT=FOREVER, END=FOREVER, STALE_AFTER=round(STALE * proc.fs),
+            HOLD=place(np.zeros(rows)), C_RING=place(np.zeros(n.RECORD * n.COMMANDS, integers)),
+            E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)), LOG=int(log), L_SIZE=ring,
+            OUTS=place(np.zeros(len(self.channels), integers)), STRIDE=1, INS=place(np.zeros(rows, integers)), IN_STRIDE=1,
+            CLOCK=self._function("clock_gettime"), SLEEP=self._function("usleep"), TIME=place(np.zeros(2, integers)),
+            HISTOGRAM=place(np.zeros(n.BINS, integers)), PORTS=place(np.zeros(len(self.channels), integers)),
+            IN_PORTS=place(np.zeros(rows, integers)),
+        )  # fmt: skip
+        self.histogram = self.buffers("HISTOGRAM")
+        if log:
+            self._fill(
+                X_RING=place(np.zeros(ring * max(inputs, 1))), F_RING=place(np.zeros(ring * len(self.channels), np.float32))
+            )
+        if isinstance(source, Recorded):
+            self._fill(MOTION=n.FROM_TABLE, TABLE=place(source.x), TABLE_N=source.x.shape[1])
+        elif isinstance(source, (Scripted, Live)):
+            size = 1 << math.ceil(math.log2(max(proc.fs, 4 * n.CHUNK)))
+            keep = round(source.keep * proc.fs) if isinstance(source, Live) else 0
+            self._fill(MOTION=n.LIVE if keep else n.TIMED, M_RING=place(np.zeros(size * inputs)), M_SIZE=size, M_KEEP=keep)
+        elif isinstance(source, Signals):
+            scale = np.array([[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs], float)
+            self._fill(MOTION=n.SIGNALS, IN_SCALE=place(scale), CONNECTED=1)
+        self.live = isinstance(source, (Live, Signals))
+        self._fill(STALE=int(self.live))
+        self._records = np.zeros((512, n.RECORD), np.int64)
+        self._columns = np.zeros((4096, max(inputs, 1)))
+        self._frames = np.zeros((4096, len(self.channels)), np.float32)
+
+    def _fill(self, **values: int) -> None:
+        for name, v in values.items():
+            self.words[getattr(self.native, name)] = v
+
+    def address_of(self, a: np.ndarray) -> int:
+        """Address of an array, which lives as long as the pump."""
+        self.arrays.append(a)
+        return a.ctypes.data
+
+    def buffers(self, word: str) -> np.ndarray:
+        """The array whose address a word is: OUTS, INS, PORTS or IN_PORTS, one address for each channel or input."""
+        return next(a for a in self.arrays if a.ctypes.data == self.read(word))
+
+    def _function(self, name: str) -> int:
+        return int(ctypes.cast(getattr(self._libc, name), ctypes.c_void_p).value or 0)
+
+    def read(self, word: str) -> int:
+        """A word of the context, by its name in ``targets/pump.py``."""
+        return int(self.words[getattr(self.native, word)])
+
+    def write(self, word: str, value: int) -> None:
+        """Set a word of the context."""
+        self.native.write(self.words, getattr(self.native, word), value)
+
+    @property
+    def context(self) -> int:
+        """Address of the context: the callback's user data."""
+        return self.words.ctypes.data
+
+    def callback(self, device: str) -> int:
+        """Address of the compiled callback of a device: "jack" or "portaudio"."""
+        return int(getattr(self.native, device).address)
+
+    def block(self, n: int, lost: int = 0) -> None:
+        """One block, called from Python: buffers are those in OUTS."""
+        self.native.block(self.words, n, lost)
+
+    # Course ------------------------------------------------------------------------------------------------------
+    @property
+    def index(self) -> int:
+        """Samples produced."""
+        return self.proc.index
+
+    @property
+    def state(self) -> int:
+        """IDLE, RUNNING, DONE or CLOSED of ``targets/pump.py``."""
+        return self.read("STATE")
+
+    @property
+    def hurried(self) -> bool:
+        """Whether the device runs without a clock."""
+        return self.read("WAIT") > 0
+
+    def start(self, frames: int | None) -> None:
+        """From the next block on; the fade-out then ends with sample ``frames``."""
+        if frames is not None:
+            self.write("FADE_AT", max(frames - self.fade, 0))
+            self.write("END", frames)
+        if not self.live:  # the gain rises with the first motion
+            self.set(GAIN, 1.0, self.fade)
+        self.write("STATE", self.native.RUNNING)
+
+    def set(self, name: str, value: float, ramp: int) -> bool:
+        """Ask for a live number's change over ``ramp`` samples; False when the ring is full."""
+        bits = int(np.float64(value).view(np.int64))
+        return bool(self.native.put_command(self.words, self.native.SET, self.slots[name], bits, ramp))
+
+    def stop(self, reason: str, earliest: int = 0) -> None:
+        """Ask for the fade-out, from sample ``earliest`` on at the soonest; the pump is DONE when it is over."""
+        self.native.put_command(self.words, self.native.STOP, REASONS.index(reason), earliest, 0)
+
+    # Rings -------------------------------------------------------------------------------------------------------
+    def put_motion(self, x: np.ndarray) -> int:
+        """Columns (n_inputs, n) into the ring; how many had room."""
+        return self.native.put_motion(self.words, x)
+
+    def next_motion(self) -> int:
+        """Index of the column that comes next."""
+        return self.native.next_motion(self.words)
+
+    def motion_room(self) -> int:
+        """Columns that may be put now."""
+        ahead = self.read("M_WRITE") - self.read("M_READ")
+        return min(self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead)
+
+    def frames(self) -> np.ndarray:
+        """Delivered frames since the last call, up to 4096; valid until the next."""
+        return self._frames[: self.native.get_frames(self.words, self._frames)]
+
+    def motion(self) -> np.ndarray:
+        """Motion as processed since the last call, (n, n_inputs), up to 4096 columns; valid until the next."""
+        return self._columns[: self.native.get_motion(self.words, self._columns)]
+
+    def events(self) -> list[tuple[int, str, dict[str, Any]]]:
+        """(sample index, kind, data) of what has happened since the last call."""
+        n, names, found = self.native, list(self.slots), []
+        while count := n.get_events(self.words, self._records):
+            for at, kind, a, b, c in self._records[:count].tolist():
+                if kind == n.SET:
+                    value = float(np.int64(b).view(np.float64))
+                    found.append((at, "set", {"name": names[a], "value": value, "ramp": c}))
+                elif kind == n.LOSS:
+                    found.append((at, "lost", {"frames": a}))
+                elif kind == n.GONE:
+                    found.append((at, "stale", {"samples": a}))
+                elif kind == n.BACK:
+                    found.append((at, "fresh", {}))
+                elif kind == n.ENDING:
+                    found.append((at, "stop", {"reason": REASONS[a]}))
+                else:
+                    found.append((at, "gap", {"frames": a, "delivered": bool(b)}))
+        return found
+
+    def percentiles(self, *q: float) -> list[float]:
+        """Of the time of a block in s, at most 12.5 % too high."""
+        counts = np.cumsum(self.histogram)
+        if not counts[-1]:
+            return [0.0 for _ in q]
+        places = [int(np.searchsorted(counts, max(1, math.ceil(p / 100 * counts[-1])))) for p in q]
+        return [1e-9 * (k + 1 if k < 8 else (9 + k % 8) << (k // 8 - 1)) for k in places]

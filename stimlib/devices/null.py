@@ -1,0 +1,56 @@
+"""A sink without a device: at the pace of the clock, or as fast as it goes."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from .sink import Sink, fifo
+
+
+class NullSink(Sink):
+    """Plays into nothing, through the same compiled body as a device.
+
+    Parameters
+    ----------
+    clocked : bool
+        At the pace of the clock, with losses when the machine is late; otherwise as fast as the processor runs, without.
+    **options
+        See ``Sink``.
+
+    Examples
+    --------
+    See ``Sink``.
+    """
+
+    device = "null"
+
+    def __init__(self, scene, safety, *, clocked: bool = True, **options: Any):
+        self.clock = clocked
+        super().__init__(scene, safety, **options)
+        self.clocked = clocked
+
+    def _open(self) -> None:
+        self.block = self.block or 64
+        self.buffer = np.zeros((self.channels, self.block), np.float32)
+        outs = self.pump.buffers("OUTS")
+        outs[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
+        if not self.clocked:
+            self.pump.write("WAIT", 1_000_000)
+        self._thread = threading.Thread(target=self._loop, name="stimlib null device", daemon=True)
+        self._thread.start()
+
+    def _loop(self) -> None:
+        if self.clocked and self.realtime and not fifo():
+            self._real_time.refused.append("real-time priority (ulimit -r)")
+        self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clocked))
+
+    def _close(self) -> None:
+        self.pump.write("STATE", self.pump.native.CLOSED)
+        if hasattr(self, "_thread"):
+            self._thread.join()
+
+    def _latency(self) -> float:
+        return (self.block or 0) / self.rate if self.clocked else 0.0

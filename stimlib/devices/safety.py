@@ -1,0 +1,245 @@
+"""What stands between a scene and a device: limits, counts and a fade, as blocks that are compiled with the scene.
+
+Because they are blocks, a sink, an offline rendering and the replay of a log do the same to every sample, bit for bit.
+Where nothing is limited and the gain is 1, the samples are the scene's own.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..blocks.actuator import ForceLimit, Tally, slew_limit, static_limit
+from ..errors import BadValue, SceneError, UnknownName
+from ..graph import Block, Const, Guard, Mul, Param
+from ..scene import Scene
+
+GAIN = "sink_gain"
+"""The live number of the fade: 0 before the start and after the end, 1 in between."""
+
+STEPS = 128
+"""A fade has at least so many samples, so that full scale ends in steps of less than 1 % at every sample rate."""
+
+
+@dc.dataclass(frozen=True)
+class Safety:
+    """What a sink holds every output to; it cannot be taken off.
+
+    Parameters
+    ----------
+    full_scale : float or dict of str to float
+        The value, in each output's unit, that is 1.0 at the device; one number serves all outputs.
+    slew : float or dict of str to float, optional
+        Fastest change, in the output's unit per second.
+    peak : float, optional
+        Peak force in N that the motor bears, of every output in N.
+    static : float, optional
+        Static force in N that it bears, of every output in N: see ``stimlib.blocks.static_limit``.
+    fade : float
+        Seconds of the fades at start and end, 0.02 to 0.5; where these are fewer than 128 samples, 128 samples.
+
+    Raises
+    ------
+    BadValue
+        A number not above 0; a fade below 0.02 s.
+
+    Examples
+    --------
+    >>> Safety(full_scale=50.0, peak=40.0)
+    Safety(full_scale=50.0, slew=None, peak=40.0, static=None, fade=0.02)
+    >>> Safety(**Safety(full_scale=50.0).to_dict()) == Safety(full_scale=50.0)
+    True
+    """
+
+    full_scale: float | Mapping[str, float]
+    slew: float | Mapping[str, float] | None = None
+    peak: float | None = None
+    static: float | None = None
+    fade: float = 0.02
+
+    def __post_init__(self):
+        for f in dc.fields(self):
+            v = getattr(self, f.name)
+            if v is None and f.name not in ("full_scale", "fade"):
+                continue
+            if isinstance(v, Mapping) and f.name in ("full_scale", "slew"):
+                v = {str(k): _above_0(f"{f.name}[{k!r}]", w) for k, w in v.items()}
+            else:
+                v = _above_0(f.name, v)
+            object.__setattr__(self, f.name, v)
+        if not 0.02 <= self.fade <= 0.5:
+            raise BadValue(f"Safety: fade = {self.fade} s must be 0.02 to 0.5: faster is felt as a thump, slower delays the stop")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as plain JSON data; ``Safety(**data)`` makes it again."""
+        return {f.name: dict(v) if isinstance(v := getattr(self, f.name), Mapping) else v for f in dc.fields(self)}
+
+    def samples(self, fs: float) -> int:
+        """Length of a fade at a sample rate."""
+        return max(math.ceil(self.fade * fs - 1e-9), min(STEPS, math.ceil(0.5 * fs)))
+
+    def scales(self, outputs: Sequence[str]) -> np.ndarray:
+        """Full scale of each output, shape (n_outputs,), in its unit.
+
+        Raises
+        ------
+        UnknownName
+            An output without a full scale, or a full scale for none.
+        """
+        return np.array([self._of("full_scale", n, outputs) for n in outputs])
+
+    def _of(self, field: str, output: str, outputs: Sequence[str]) -> Any:
+        v = getattr(self, field)
+        if not isinstance(v, Mapping):
+            return v
+        wrong = [n for n in v if n not in outputs] + [n for n in outputs if n not in v and field == "full_scale"]
+        if wrong:
+            raise UnknownName(f"Safety: {field} does not fit the outputs at {', '.join(wrong)}; they are {', '.join(outputs)}")
+        return v.get(output)
+
+
+def _above_0(name: str, v: Any) -> float:
+    try:
+        number = float(v)
+    except (TypeError, ValueError):
+        raise BadValue(f"Safety: {name} must be a number, got {v!r}") from None
+    if isinstance(v, bool) or not (math.isfinite(number) and number > 0):
+        raise BadValue(f"Safety: {name} = {v} must be a finite number above 0")
+    return number
+
+
+def protect(scene: Scene, safety: Safety) -> Scene:
+    """A scene whose outputs are safe for a device.
+
+    Every output goes through its guard against what is not finite, the peak and static force (outputs in N), the slew
+    limit, a clip at full scale, and the fade: times the live number ``sink_gain``, which is 0 until it is set.
+
+    Parameters
+    ----------
+    scene : Scene
+    safety : Safety
+
+    Returns
+    -------
+    Scene
+        With the inputs and outputs of the scene, in their order.
+
+    Raises
+    ------
+    SceneError
+        The scene has a live number or input ``sink_gain`` of its own.
+    UnknownName
+        Full scale or slew for an output that does not exist.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> force = stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")
+    >>> proc = stimlib.compile(protect(stimlib.Scene({"force": force}), Safety(full_scale=50.0)), fs=8000)
+    >>> proc.set("sink_gain", 1.0, ramp=0.0)
+    >>> proc.process(np.array([[0.01, 0.02, 0.03]]))
+    array([[20., 40., 50.]])
+    """
+    if GAIN in scene.params or GAIN in scene.inputs:
+        raise SceneError(f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene")
+    gain = Param(GAIN, 0.0)
+    names = tuple(scene.outputs)
+    scales = safety.scales(names)
+    outputs: dict[str, Block] = {}
+    for name, scale in zip(names, scales, strict=True):
+        y: Block = Guard(scene.outputs[name])
+        unit = str(y.dim)
+        if unit == "N" and safety.peak is not None:
+            y = Tally(ForceLimit(y, Const(safety.peak, "N")), y, "peak", name)
+        if unit == "N" and safety.static is not None:
+            y = Tally(static_limit(y, safety.static), y, "static", name)
+        slew = safety._of("slew", name, names)
+        if slew is not None:
+            y = Tally(slew_limit(y, slew), y, "slew", name)
+        y = Tally(ForceLimit(y, Const(float(scale), "" if unit == "1" else unit)), y, "clip", name)
+        outputs[name] = Mul(y, gain)
+    return Scene(outputs)
+
+
+def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:
+    """Frames as a device gets them: what ``targets/pump.py`` does, for replay and tests.
+
+    Parameters
+    ----------
+    y : ndarray, shape (n_outputs, n)
+        Outputs of a protected scene, in their units.
+    scales : ndarray, shape (n_outputs,)
+        ``Safety.scales``.
+    channels : sequence of int
+        For each channel the number of its output, or -1 for silence.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, channels)
+        float32(y / full scale) held to -1 .. 1; 0 where y is not finite.
+
+    Examples
+    --------
+    >>> to_device(np.array([[25.0, 60.0]]), np.array([50.0]), [0, -1]).tolist()
+    [[0.5, 0.0], [1.0, 0.0]]
+    """
+    v = np.asarray(y) / np.asarray(scales)[:, None]
+    v = np.clip(np.where(np.isfinite(v), v, 0.0), -1.0, 1.0).astype(np.float32)
+    frames = np.zeros((v.shape[1], len(channels)), np.float32)
+    for c, output in enumerate(channels):
+        if output >= 0:
+            frames[:, c] = v[output]
+    return frames
+
+
+class Watch:
+    """Reads a running processor's counts: what its safety stage limited, and which outputs have failed.
+
+    Parameters
+    ----------
+    proc : Processor
+        Of a protected scene.
+    """
+
+    def __init__(self, proc):
+        self._proc = proc
+        self._tallies: list[tuple[str, str, int]] = []
+        self._guards: list[tuple[str, int]] = []
+        instances, place = proc.program.instances, proc._place
+        for i, q in enumerate(instances):
+            if isinstance(q.block, Tally):
+                self._tallies.append((q.block.stage, q.block.output, place[i]))
+        for name, at in proc.program.outputs.items():
+            for i in self._above(instances, at):
+                if isinstance(instances[i].block, Guard):
+                    self._guards.append((name, place[i]))
+
+    @staticmethod
+    def _above(instances, at: int) -> list[int]:
+        """Instances from an output's guard up to the scene's own guard."""
+        found, i = [], at
+        while True:
+            found.append(i)
+            q = instances[i]
+            if not q.args or (isinstance(q.block, Guard) and i != at):
+                return found
+            i = next((a for a in q.args if not isinstance(instances[a].block, (Param, Const))), q.args[0])
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Samples that each stage has changed, {stage: {output: count}}; only what is not 0."""
+        words = self._proc._engine.peek()
+        out: dict[str, dict[str, int]] = {}
+        for stage, name, at in self._tallies:
+            if words[at]:
+                out.setdefault(stage, {})[name] = int(words[at])
+        return out
+
+    def faults(self) -> dict[str, int]:
+        """Outputs that their guard has stopped, and the sample index of each."""
+        words = self._proc._engine.peek()
+        left = words.view(np.float64)
+        return {name: int(words[at + 2]) for name, at in reversed(self._guards) if left[at + 1] >= 0}  # see graph.GuardState

@@ -1,0 +1,668 @@
+"""What every sink shares: the engine around the compiled callback, and the protocol that a device fills in.
+
+A sink owns one session: open, start, stop, close.  The samples are made by ``stimlib/targets/pump.py`` inside the device's
+own callback; everything here runs in ordinary threads and talks to it through rings.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import gc
+import math
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any, Self
+
+import numpy as np
+
+from .. import __version__
+from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
+from ..processor import compile
+from ..scene import Scene
+from .engine import Pump
+from .safety import Safety, Watch, protect
+from .sources import Feeder, Live, Recorded, Scripted, length, source_of
+
+CLOSE_WITHIN = 2.0
+"""Seconds in which ``close`` returns, whatever the device does."""
+
+
+# Report --------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Report:
+    """What a session did.
+
+    Attributes
+    ----------
+    produced : int
+        Samples that the processor has run: delivered + lost.
+    delivered : int
+        Frames that the device took.
+    lost : int
+        Frames that the device skipped; they were produced and discarded, so that time stays right.
+    underruns : int
+        How often it skipped.
+    clips : dict
+        Samples that the safety stage changed, {"peak", "static", "slew" or "clip": {output: count}}.
+    faults : dict of str to int
+        Outputs that were stopped because they were not finite, and the sample index of each.
+    block_time : dict of str to float, s
+        Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
+    latency : float, s
+        From the callback to the device, as the device says.
+    stale : int
+        How often the motion stayed away.
+    unlogged : int
+        Samples missing in the log because it was more than 4 s behind.
+    skipped : int
+        Columns of a live motion that came too fast.
+    """
+
+    produced: int
+    delivered: int
+    lost: int
+    underruns: int
+    clips: dict[str, dict[str, int]]
+    faults: dict[str, int]
+    block_time: dict[str, float]
+    latency: float
+    stale: int = 0
+    unlogged: int = 0
+    skipped: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        t = ", ".join(f"{k} {v * 1e6:.0f} us" for k, v in self.block_time.items())
+        line = f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in {self.underruns} underruns; blocks {t}"
+        more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
+        more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
+        more += [f"motion stale {self.stale} times"] if self.stale else []
+        more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
+        return "; ".join([line, *more])
+
+
+# Real time -----------------------------------------------------------------------------------------------------------
+MCL_CURRENT, MCL_ONFAULT = 1, 4
+
+
+@dataclass
+class _RealTime:
+    """What the process does while a stream runs: no collection of old objects, memory stays in place."""
+
+    locked: bool = False
+    frozen: bool = False
+    refused: list[str] = field(default_factory=list)
+
+    def enter(self) -> None:
+        gc.collect()
+        gc.freeze()
+        self.frozen = True
+        libc = ctypes.CDLL(None, use_errno=True)
+        if not hasattr(libc, "mlockall") or libc.mlockall(MCL_CURRENT | MCL_ONFAULT) != 0:
+            self.refused.append("locking memory (ulimit -l)")
+        else:
+            self.locked = True
+
+    def leave(self) -> None:
+        if self.frozen:
+            gc.unfreeze()
+            self.frozen = False
+        if self.locked:
+            ctypes.CDLL(None).munlockall()
+            self.locked = False
+
+
+def fifo(priority: int = 60) -> bool:
+    """SCHED_FIFO for the calling thread; False where that is not permitted."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError):
+        return False
+    return True
+
+
+# The protocol --------------------------------------------------------------------------------------------------------
+_abandoned: list[Any] = []  # memory that a device which never let go may still use
+_open_sinks: weakref.WeakSet[Sink] = weakref.WeakSet()
+
+
+class Sink:
+    """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four methods at the end.
+
+    Parameters
+    ----------
+    scene : Scene
+        Compiled with the safety stage around it.
+    safety : Safety or float
+        A number is the full scale of all outputs.
+    motion : mapping, Recorded, Scripted, Live or Signals
+        See ``stimlib.devices.sources``; a mapping of input names is that of ``stimlib.render``.
+    seed : int
+        Key of all noise.
+    params : dict of str to float, optional
+        Live numbers that differ from the scene's, from the first sample on.
+    log : path or object, optional
+        Folder for the session's log (``stimlib.devices.log``), or an object with the methods of its ``LogWriter``.
+    realtime : bool, optional
+        Lock memory and keep the garbage collector away while it plays, with one warning where that is not permitted.
+        By default only devices with a clock of their own do.
+
+    Notes
+    -----
+    Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C and SIGTERM all fade out before the device is let
+    go; so does the end of the program.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.null import NullSink
+    >>> from stimlib.devices.motion import minimum_jerk
+    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> with NullSink(scene, 50.0, motion={"x": minimum_jerk()}, clocked=False) as sink:
+    ...     sink.open(rate=8000)
+    ...     sink.start(seconds=2.0)
+    ...     sink.wait()
+    >>> sink.report().produced, sink.report().lost
+    (16000, 0)
+    """
+
+    device = "none"
+    clock = True  # whether it has a clock of its own
+
+    def __init__(
+        self,
+        scene: Scene,
+        safety: Safety | float,
+        *,
+        motion: Any = None,
+        seed: int = 0,
+        params: Mapping[str, float] | None = None,
+        log: Any = None,
+        realtime: bool | None = None,
+    ):
+        if not isinstance(scene, Scene):
+            raise BadValue(f"a sink plays a Scene, got {type(scene).__name__}")
+        self.scene = scene
+        self.safety = safety if isinstance(safety, Safety) else Safety(safety)
+        self.protected = protect(scene, self.safety)
+        self.motion = source_of(motion, tuple(scene.inputs))
+        self.seed, self.params = seed, dict(params or {})
+        self.realtime = self.clock if realtime is None else realtime
+        self._log_to = log
+        self.error: StimlibError | None = None
+        self._opened = self._started = self._stopped = self._closed = False
+        self._lock = threading.RLock()
+        self._old_term: Any = None
+
+    def __repr__(self):
+        at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}" if self._opened else ""
+        return f"{type(self).__name__}({self.scene!r}{at})"
+
+    # Life --------------------------------------------------------------------------------------------------------
+    def open(self, rate: float, channels: int | Sequence[str | None] | None = None, block: int | None = None) -> None:
+        """Compile for the device's rate and take the device; it is silent until ``start``.
+
+        Parameters
+        ----------
+        rate : float
+            Hz.
+        channels : int or sequence of str or None, optional
+            Number of channels, the first of which carry the outputs in their order; or the output of each channel, None for
+            silence.  By default one for each output.
+        block : int, optional
+            Frames per callback, where the device lets one choose.  The samples do not depend on it.
+
+        Raises
+        ------
+        SinkError
+            The device is not there, is busy, or has another rate, block or number of channels; a package is missing.
+        BadValue, UnknownName
+            Fewer channels than outputs; a channel for an output that does not exist.
+        """
+        if self._opened:
+            raise SinkError("this sink has been opened before: make a new one for another session")
+        if block is not None and (isinstance(block, bool) or not isinstance(block, (int, np.integer)) or block < 1):
+            raise BadValue(f"block = {block!r} must be a whole number of frames above 0")
+        outputs = tuple(self.scene.outputs)
+        self.map = _channel_map(channels, outputs)
+        self.channels = len(self.map)
+        self.rate, self.block = float(rate), block
+        self.proc = compile(self.protected, rate, seed=self.seed)
+        self._warm_up()
+        for name, value in self.params.items():
+            self.proc.set(name, value, ramp=0.0)
+        self.proc.process(np.zeros((len(self.proc.inputs), 0)))  # they are there from the first sample on
+        self.pump = Pump(self.proc, self.safety, self.map, self.motion, log=self._log_to is not None)
+        self._watch = Watch(self.proc)
+        self._real_time = _RealTime()
+        try:
+            self._open()
+        except BaseException:
+            self._closed = True
+            self._limited(self._close, 1.0)
+            raise
+        self._opened = True
+        _open_sinks.add(self)
+
+    def _warm_up(self) -> None:
+        """Run everything once, so that nothing is compiled or loaded later; then back to sample 0."""
+        x = np.zeros((len(self.proc.inputs), 256))
+        self.proc.process(x)
+        pump = Pump(self.proc, self.safety, self.map, Recorded(x) if self.proc.inputs else None, log=True)
+        silence = np.zeros((self.channels, 64), np.float32)
+        pump.buffers("OUTS")[:] = silence.ctypes.data + 4 * 64 * np.arange(self.channels)
+        pump.start(None)
+        pump.block(64, lost=1)
+        pump.stop("stop")
+        pump.block(64, lost=1)
+        pump.events(), pump.frames(), pump.motion()
+        self.proc.reset()
+
+    def start(self, seconds: float | None = None) -> None:
+        """Fade in from sample 0 of the scene.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            Length of the session, fades included; by default that of a recorded motion, or until ``stop``.
+
+        Raises
+        ------
+        SinkError
+            Not open, or started before.
+        """
+        if not self._opened or self._closed:
+            raise SinkError("start: open the sink first" if not self._opened else "start: this sink is closed")
+        if self._started:
+            raise SinkError("start: a sink plays once; make a new one, so that each session has its own log")
+        frames = length(self.motion) if seconds is None else round(float(seconds) * self.rate)
+        if frames is not None and not 0 < frames < 2**53:
+            raise BadValue(f"start: seconds = {seconds} must be at least one sample")
+        self._feeder = None
+        if isinstance(self.motion, Scripted):
+            self._feeder = Feeder(self.pump, self.motion, self._fail)
+            self._feeder.fill()
+        self._writer = self._make_log()
+        self._cursor = 0
+        self._pending: list[tuple[int, str, dict[str, Any]]] = []
+        self._gone: list[str] = []
+        self._stales = 0
+        self._told_clips: dict[str, dict[str, int]] = {}
+        if self.realtime:
+            self._real_time.enter()
+        self._started = True
+        self._take_sigterm()
+        if self._feeder:
+            self._feeder.start()
+        self._over = threading.Event()
+        self._worker = threading.Thread(target=self._work, name="stimlib sink", daemon=True)
+        self._worker.start()
+        self._start()
+        self.pump.start(frames)
+        if self._real_time.refused:
+            warnings.warn(
+                f"not permitted here: {' and '.join(self._real_time.refused)}; the stream may stutter when the machine is busy",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the session has ended, at most so many seconds.
+
+        Raises
+        ------
+        SinkError
+            The device has failed.
+        FaultError
+            An output has become non-finite.
+        """
+        end = math.inf if seconds is None else time.monotonic() + seconds
+        while not self.finished and time.monotonic() < end:
+            self.check()
+            time.sleep(min(0.01, max(end - time.monotonic(), 0.0)))
+        self.check()
+
+    def check(self) -> None:
+        """Raise what has gone wrong in the device or its threads, if anything has."""
+        if self.error is not None:
+            raise self.error
+
+    @property
+    def finished(self) -> bool:
+        """Whether the session has faded out."""
+        return self._started and self.pump.state >= self.pump.native.DONE
+
+    def stop(self, reason: str = "stop") -> None:
+        """Fade out and wait until the last sample has left; the device stays open, and silent."""
+        with self._lock:
+            if not self._started or self._stopped:
+                return
+            self._stopped = True
+            interrupted = None
+            self.pump.stop(reason)
+            end = time.monotonic() + self.pump.fade / self.rate + 0.8
+            seen, since = -1, time.monotonic()
+            while not self.finished and time.monotonic() < end:
+                try:
+                    if self.pump.index != seen:
+                        seen, since = self.pump.index, time.monotonic()
+                    if self._gone_device() or time.monotonic() - since > 0.5:
+                        break  # no callback comes any more: nothing can be faded
+                    time.sleep(0.002)
+                except KeyboardInterrupt as e:  # the fade is short: let it end
+                    interrupted = e
+            if self.finished and self.clock and not self.pump.hurried and not self._gone_device():
+                time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
+            if interrupted:
+                raise interrupted
+
+    def _gone_device(self) -> bool:
+        return isinstance(self.error, SinkError)
+
+    def close(self) -> None:
+        """Fade out, let the device go and end the log, within 2 s."""
+        with self._lock:
+            if self._closed or not self._opened:
+                self._closed = True
+                return
+            began = time.monotonic()
+            try:
+                self.stop("close")
+            finally:
+                self._closed = True
+                self.pump.write("STATE", self.pump.native.CLOSED)
+                self.pump.write("WAIT", 0)
+                if self._started and self._feeder:
+                    self._feeder.stop()
+                if not self._limited(self._close, max(0.2, began + CLOSE_WITHIN - 0.3 - time.monotonic())):
+                    _abandoned.append((self.pump, self))
+                    warnings.warn(
+                        f"{self.device}: the device did not let go; it was left behind, silent", RuntimeWarning, stacklevel=2
+                    )
+                if self._started:
+                    self._over.set()
+                    self._worker.join(max(0.1, began + CLOSE_WITHIN - 0.1 - time.monotonic()))
+                    if self._worker.is_alive():
+                        warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=2)
+                self._real_time.leave()
+                self._give_sigterm()
+                _open_sinks.discard(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind, value, trace) -> None:
+        self.close()
+        if kind is None:
+            self.check()
+
+    def _limited(self, f: Any, seconds: float) -> bool:
+        """Call f in a thread of its own; False when it has not come back in time."""
+        t = threading.Thread(target=self._quietly, args=(f,), daemon=True, name="stimlib close")
+        t.start()
+        t.join(seconds)
+        return not t.is_alive()
+
+    def _quietly(self, f: Any) -> None:
+        try:
+            f()
+        except Exception as e:
+            if self.error is None:
+                self.error = SinkError(f"{self.device}: closing failed: {e}")
+
+    # While it plays ----------------------------------------------------------------------------------------------
+    def set(self, name: str, value: float, ramp: float = 0.02) -> None:
+        """Change a live number from the next block on; the log has the sample.
+
+        Parameters
+        ----------
+        name : str
+            One of the scene's live numbers.
+        value : float
+        ramp : float
+            Seconds; 0 jumps.
+
+        Raises
+        ------
+        UnknownName, BadValue
+            As ``Processor.set``.
+        SinkError
+            The device has failed, or takes no changes.
+        """
+        self.check()
+        if not self._opened:
+            raise SinkError("set: open the sink first")
+        if name not in self.scene.params:
+            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
+        if not math.isfinite(float(value)):
+            raise BadValue(f"set({name!r}, {value}): the value must be finite")
+        if not (math.isfinite(float(ramp)) and ramp >= 0):
+            raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
+        samples, end = max(1, round(float(ramp) * self.rate)), time.monotonic() + 1.0
+        while not self.pump.set(name, float(value), samples):
+            if time.monotonic() > end or not self._started or self.finished:
+                raise SinkError(f"set({name!r}): 256 changes wait already and the device takes none")
+            time.sleep(0.001)
+
+    def push(self, x: np.ndarray) -> int:
+        """Columns of a live motion, one per sample.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n_inputs, n)
+            In the inputs' units.
+
+        Returns
+        -------
+        int
+            Columns that had room; the rest was not taken.
+
+        Raises
+        ------
+        SinkError
+            The sink's motion is not ``Live()``; the device has failed.
+        BadValue
+            A wrong shape.
+        """
+        self.check()
+        if not isinstance(self.motion, Live) or not self._opened:
+            raise SinkError("push: make the sink with motion=Live() and open it")
+        x = np.ascontiguousarray(x, np.float64)
+        if x.ndim != 2 or x.shape[0] != len(self.proc.inputs):
+            raise BadValue(
+                f"push: x must be of shape ({len(self.proc.inputs)}, n), rows {', '.join(self.proc.inputs)}; got {x.shape}"
+            )
+        return self.pump.put_motion(x)
+
+    def report(self) -> Report:
+        """What has happened so far."""
+        if not self._opened:
+            raise SinkError("report: the sink was never open")
+        p = self.pump
+        p50, p99, p999, most = p.percentiles(50, 99, 99.9, 100)
+        return Report(
+            produced=p.read("DELIVERED") + p.read("LOST"),
+            delivered=p.read("DELIVERED"),
+            lost=p.read("LOST"),
+            underruns=p.read("UNDERRUNS"),
+            clips=self._watch.counts(),
+            faults=self._watch.faults(),
+            block_time={"p50": p50, "p99": p99, "p99.9": p999, "max": most},
+            latency=self._latency() if not self._closed else self._last_latency,
+            stale=self._stales if self._started else 0,
+            unlogged=p.read("UNLOGGED"),
+            skipped=p.read("SKIPPED"),
+        )
+
+    _last_latency = 0.0
+
+    def _fail(self, e: Exception, earliest: int = 0) -> None:
+        """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this."""
+        if self.error is None:
+            self.error = e if isinstance(e, StimlibError) else SinkError(f"{self.device}: {type(e).__name__}: {e}")
+        if self._started:
+            self.pump.write("WAIT", 0)  # for a hand or a log that may have ended
+            self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
+
+    # The ordinary thread -----------------------------------------------------------------------------------------
+    def _make_log(self) -> Any:
+        if self._log_to is None:
+            return None
+        if isinstance(self._log_to, (str, os.PathLike)):
+            from .log import LogWriter
+
+            return LogWriter(self._log_to, self.header())
+        return self._log_to
+
+    def header(self) -> dict[str, Any]:
+        """What a log says first: everything that the samples depend on besides motion and events."""
+        packages = ("numpy", "numba", "llvmlite")
+        return {
+            "stimlib": __version__,
+            "versions": {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages},
+            "scene": self.scene.to_dict(),
+            "scene_hash": self.scene.hash,
+            "fs": self.rate,
+            "seed": self.seed,
+            "params": self.params,
+            "safety": self.safety.to_dict(),
+            "inputs": list(self.proc.inputs),
+            "outputs": list(self.proc.outputs),
+            "units": self.proc.units,
+            "channels": [self.proc.outputs[i] if i >= 0 else None for i in self.map],
+            "device": self.device,
+            "block": self.block,
+            "started": datetime.now(UTC).isoformat(),
+        }
+
+    def _work(self) -> None:
+        try:
+            while not self._over.wait(0.001 if self.pump.hurried else 0.01):
+                self._drain()
+            for _ in range(3):
+                self._drain()
+            self._tell(2**63)
+            self._last_latency = 0.0
+            if self._writer is not None:
+                self._writer.close(self.report().to_dict())
+        except Exception as e:  # a full disk, a log that fails
+            self._fail(e if isinstance(e, StimlibError) else SinkError(f"the log cannot be written: {e}"))
+            self._writer = None
+            while not self._over.wait(0.01):
+                self._drain()
+
+    def _drain(self) -> None:
+        """Everything that has come, in the order of samples; then what the safety stage has counted."""
+        writer, p = self._writer, self.pump
+        while len(x := p.motion()):
+            if writer is not None:
+                writer.motion(np.ascontiguousarray(x.T))
+        while True:
+            frames = p.frames()
+            self._pending += p.events()  # an event is there before the frames that follow it
+            self._pending.sort(key=lambda e: e[0])
+            if not len(frames):
+                break
+            while len(frames):
+                self._tell(self._cursor)
+                stop = min((e[0] for e in self._pending), default=2**63)
+                part = frames[: max(1, stop - self._cursor)]
+                if writer is not None:
+                    writer.delivered(part.copy())
+                self._cursor += len(part)
+                frames = frames[len(part) :]
+        self._tell(self._cursor if p.read("LOG") else 2**63)
+        faults = self._watch.faults()
+        for name in [n for n in faults if n not in self._gone]:
+            self._gone.append(name)
+            self._say(faults[name], "fault", output=name)
+            guard = round(0.02 * self.rate) + 1  # its own fade comes first: two at once would be steeper
+            why = FaultError(f"output {name} was not finite at sample {faults[name]}: the session was faded out")
+            self._fail(why, faults[name] + guard)
+        counts = self._watch.counts()
+        if counts != self._told_clips:
+            self._told_clips = counts
+            self._say(p.index, "clip", counts=counts)
+
+    def _tell(self, until: int) -> None:
+        """Events at or before a sample."""
+        while self._pending and self._pending[0][0] <= until:
+            at, kind, more = self._pending.pop(0)
+            self._stales += kind == "stale"
+            if kind in ("lost", "gap"):
+                self._cursor = max(self._cursor, at + more["frames"])
+                until = max(until, self._cursor) if until < 2**62 else until
+            self._say(at, kind, **more)
+
+    def _say(self, at: int, kind: str, **more: Any) -> None:
+        if self._writer is not None:
+            self._writer.event(at, kind, **more)
+
+    # Signals -----------------------------------------------------------------------------------------------------
+    def _take_sigterm(self) -> None:
+        """SIGTERM ends the program like an exception does, so that ``with`` and atexit fade out."""
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            self._old_term = signal.SIG_DFL
+            signal.signal(signal.SIGTERM, _end)
+
+    def _give_sigterm(self) -> None:
+        if self._old_term is not None and threading.current_thread() is threading.main_thread():
+            if signal.getsignal(signal.SIGTERM) is _end:
+                signal.signal(signal.SIGTERM, self._old_term)
+            self._old_term = None
+
+    # What a device fills in --------------------------------------------------------------------------------------
+    def _open(self) -> None:
+        """Take the device for ``self.rate``, ``self.channels``, ``self.block`` and give it ``self.pump``; SinkError if not."""
+        raise NotImplementedError
+
+    def _start(self) -> None:
+        """Let callbacks begin, if they have not yet; the pump is IDLE and gives silence."""
+
+    def _close(self) -> None:
+        """End the callbacks and let the device go; may be called after a failed ``_open``."""
+        raise NotImplementedError
+
+    def _latency(self) -> float:
+        """Seconds from the callback to the device."""
+        return 0.0
+
+
+def _end(number, frame) -> None:
+    raise SystemExit(128 + number)
+
+
+@atexit.register
+def _close_all() -> None:
+    for sink in list(_open_sinks):
+        sink.close()
+
+
+def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:
+    if channels is None:
+        return tuple(range(len(outputs)))
+    if isinstance(channels, (int, np.integer)) and not isinstance(channels, bool):
+        if channels < len(outputs):
+            raise BadValue(
+                f"channels = {channels} are fewer than the {len(outputs)} outputs; to leave some out, list one for each channel"
+            )
+        return tuple(range(len(outputs))) + (-1,) * (int(channels) - len(outputs))
+    if isinstance(channels, str) or not isinstance(channels, Sequence) or not channels:
+        raise BadValue(f"channels = {channels!r} must be a number or a list with the output of each channel, None for silence")
+    for name in channels:
+        if name is not None and name not in outputs:
+            raise UnknownName(f"channels: no output {name!r}; the outputs are {', '.join(outputs)}")
+    return tuple(-1 if name is None else outputs.index(name) for name in channels)

@@ -1,0 +1,495 @@
+"""What a device calls: one compiled body that runs a program and moves its samples, without the interpreter.
+
+Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in one int64 array, the context c, that
+``stimlib.devices.sink.Pump`` fills; each word below is named by its place.  Rings have one writer and one reader: the
+writer stores its count with release, the reader loads it with acquire, so neither ever waits for the other.
+"""
+
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.extending import intrinsic
+
+from stimlib.targets.native import I8, at, data, f8_at, i8_at, plain, run
+
+# the program
+ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FADE = range(12)
+# its course: what a caller has asked for, and where it is
+STATE, FADE_AT, END, FADING, WAS, STALE_AFTER, STALE, RUN, WAIT, STALL = range(12, 22)
+# counts
+DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, BLOCKS = range(22, 29)
+# motion: where it comes from
+MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
+# rings: commands in; events, motion and frames out
+C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ, F_RING, F_WRITE, F_READ = range(44, 58)
+# the device: addresses of its buffers, floats from frame to frame; functions of the system
+OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED = range(60, 66)
+CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
+WORDS = 96
+
+IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
+NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
+SET, LOSS, GONE, BACK, ENDING, GAP = 0, 1, 2, 3, 4, 5  # events: at, kind, three numbers
+STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
+COMMANDS, EVENTS, RECORD = 256, 4096, 5
+CHUNK = 256  # samples of one call of the program
+BINS = 8 * 40  # of the histogram of block times: eight to the octave of ns
+
+i4, u4, u8, f4 = types.int32, types.uint32, types.uint64, types.float32
+F4 = types.CPointer(f4)
+
+
+# memory and calls ----------------------------------------------------------------------------------------------------
+@intrinsic
+def load(ctx, p, o):
+    """Word o, with everything that its writer wrote before it."""
+    return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(b.gep(v[0], [v[1]]), "acquire", 8)
+
+
+@intrinsic
+def store(ctx, p, o, value):
+    """Set word o after everything written before."""
+
+    def code(c, b, s, v):
+        b.store_atomic(v[2], b.gep(v[0], [v[1]]), "release", 8)
+        return c.get_dummy_value()
+
+    return types.void(p, types.int64, types.int64), code
+
+
+@intrinsic
+def f4_at(ctx, n):
+    return F4(types.int64), lambda c, b, s, v: b.inttoptr(v[0], c.get_value_type(F4))
+
+
+@intrinsic
+def float_of(ctx, n):
+    return types.float64(types.int64), lambda c, b, s, v: b.bitcast(v[0], ir.DoubleType())
+
+
+@intrinsic
+def bits_of(ctx, x):
+    return types.int64(types.float64), lambda c, b, s, v: b.bitcast(v[0], ir.IntType(64))
+
+
+def _function(result, *args):
+    """A call of the C function at an address; pointers go as numbers."""
+
+    @intrinsic
+    def some(ctx, address, a, b_):
+        def code(c, b, s, v):
+            f = ir.FunctionType(ir.IntType(result), [ir.IntType(n) for n in args])
+            given = [b.trunc(x, ir.IntType(n)) if n < 64 else x for x, n in zip(v[1:], args, strict=False)]
+            y = b.call(b.inttoptr(v[0], ir.PointerType(f)), given)
+            return b.zext(y, ir.IntType(64)) if result < 64 else y
+
+        return types.int64(types.int64, types.int64, types.int64), code
+
+    return some
+
+
+clock_gettime, get_buffer, frame_time, sleep_us = (
+    _function(32, 32, 64),
+    _function(64, 64, 32),
+    _function(32, 64),
+    _function(32, 32),
+)
+
+
+@plain
+def now(c):
+    """Nanoseconds of the monotonic clock."""
+    t = i8_at(c[TIME])
+    clock_gettime(c[CLOCK], 1, c[TIME])
+    return load(t, 0) * 1000000000 + load(t, 1)
+
+
+# commands and events -------------------------------------------------------------------------------------------------
+@plain
+def event(c, at_, kind, a, b, d):
+    w = c[E_WRITE]
+    if w - load(c, E_READ) >= EVENTS:
+        c[DROPPED] += 1
+        return
+    e = at(i8_at(c[E_RING]), RECORD * (w % EVENTS))
+    e[0], e[1], e[2], e[3], e[4] = at_, kind, a, b, d
+    store(c, E_WRITE, w + 1)
+
+
+@plain
+def set_param(c, i, slot, value, ramp):
+    """From sample i on, send a live number towards a value (its bits) over so many samples."""
+    q = at(i8_at(c[PENDING]), 4 * slot)
+    q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
+    event(c, i, SET, slot, value, ramp)
+
+
+@plain
+def set_gain(c, i, value):
+    set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
+
+
+@plain
+def commands(c, i):
+    """What was asked for since the last block takes effect at sample i."""
+    r, w = c[C_READ], load(c, C_WRITE)
+    while r < w:
+        q = at(i8_at(c[C_RING]), RECORD * (r % COMMANDS))
+        if q[0] == SET:
+            set_param(c, i, q[1], q[2], q[3])
+        elif q[0] == STOP and max(i, q[2]) < c[FADE_AT]:
+            c[FADE_AT] = max(i, q[2])
+            c[END] = c[FADE_AT] + c[FADE]
+            event(c, c[FADE_AT], ENDING, q[1], 0, 0)
+        r += 1
+    store(c, C_READ, r)
+
+
+# motion --------------------------------------------------------------------------------------------------------------
+@plain
+def fill(c, i, m, done):
+    """Columns i .. i + m of the motion into x (n_in, m); returns how many of the last have only been held."""
+    x, hold, inputs = f8_at(c[X]), f8_at(c[HOLD]), c[N_IN]
+    held = 0
+    if c[MOTION] == FROM_TABLE:
+        table, n = f8_at(c[TABLE]), c[TABLE_N]
+        for k in range(m):
+            j = min(i + k, n - 1)
+            for a in range(inputs):
+                x[a * m + k] = table[a * n + j]
+    elif c[MOTION] == SIGNALS:
+        ins, scale = i8_at(c[INS]), f8_at(c[IN_SCALE])
+        for a in range(inputs):
+            if done >= 0 and ins[a] != 0:
+                signal = f4_at(ins[a])
+                for k in range(m):
+                    x[a * m + k] = float(signal[(done + k) * c[IN_STRIDE]]) * scale[2 * a] + scale[2 * a + 1]
+                hold[a] = x[a * m + m - 1]
+            else:
+                for k in range(m):
+                    x[a * m + k] = hold[a]
+        held = m * (1 - c[CONNECTED])
+    elif c[MOTION] != NONE:
+        ring, size, write = f8_at(c[M_RING]), c[M_SIZE], load(c, M_WRITE)
+        read = c[M_READ]
+        if c[MOTION] == TIMED:  # column i belongs to sample i: whatever comes late is skipped
+            read = i
+        elif write - read > c[M_KEEP] + m:  # no growing delay behind a live motion
+            c[SKIPPED] += write - read - m
+            read = write - m
+        for k in range(m):
+            if read < write:
+                for a in range(inputs):
+                    hold[a] = ring[(read % size) * inputs + a]
+                held = 0
+            else:
+                held += 1
+            if read < write or c[MOTION] == TIMED:
+                read += 1
+            for a in range(inputs):
+                x[a * m + k] = hold[a]
+        store(c, M_READ, read)
+    return held
+
+
+@plain
+def judge(c, i, m, held):
+    """A motion that has not come for a while fades the gain out, and in again when it comes."""
+    before = c[RUN]
+    c[RUN] = before + m if held >= m else held
+    if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:
+        c[STALE] = 1
+        event(c, i, GONE, before, 0, 0)
+        if c[FADING] == 0:
+            set_gain(c, i, 0.0)
+    elif c[STALE] == 1 and held < m:
+        c[STALE] = 0
+        event(c, i, BACK, 0, 0, 0)
+        if c[FADING] == 0:
+            set_gain(c, i, 1.0)
+
+
+@plain
+def room(c, m):
+    """1 if the log's rings take m samples more."""
+    full = c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE] or c[F_WRITE] + m - load(c, F_READ) > c[L_SIZE]
+    return 0 if c[LOG] != 0 and full else 1
+
+
+@plain
+def ready(c, i, m):
+    """1 unless a ring would hold up what a device without a clock can wait for."""
+    if c[MOTION] == TIMED and load(c, M_WRITE) < i + m:
+        return 0
+    return room(c, m)
+
+
+# the body ------------------------------------------------------------------------------------------------------------
+@plain
+def deliver(c, start, m, log):
+    """m frames of y to the device's buffers from frame ``start`` on, and to the log."""
+    y, outs, scales, channel = f8_at(c[Y]), i8_at(c[OUTS]), f8_at(c[SCALES]), i8_at(c[MAP])
+    stride, channels = c[STRIDE], c[CHANNELS]
+    for j in range(channels):
+        out, source = f4_at(outs[j]), channel[j]
+        if source < 0:
+            for k in range(m):
+                out[(start + k) * stride] = f4(0.0)
+        else:
+            for k in range(m):
+                v = y[source * m + k] / scales[source]
+                v = v if v - v == 0.0 else 0.0
+                out[(start + k) * stride] = f4(min(max(v, -1.0), 1.0))
+    c[DELIVERED] += m
+    if log:
+        w = c[F_WRITE]
+        for k in range(m):
+            ring = f4_at(c[F_RING] + 4 * channels * ((w + k) % c[L_SIZE]))
+            for j in range(channels):
+                ring[j] = f4_at(outs[j])[(start + k) * stride]
+        store(c, F_WRITE, w + m)
+
+
+@njit(error_model="numpy")
+def advance(c, n, keep):
+    """Run up to n samples, delivered or (keep = 0) discarded; returns how many there were before the end."""
+    program = i8_at(c[CONTEXT])
+    done = 0
+    while done < n:
+        i = program[15]
+        commands(c, i)
+        if c[FADING] == 0 and i >= c[FADE_AT]:
+            c[FADING] = 1
+            if c[STALE] == 0:
+                set_gain(c, i, 0.0)
+        if i >= c[END]:
+            store(c, STATE, DONE)
+            break
+        m = min(n - done, CHUNK, c[END] - i)
+        if c[FADING] == 0:
+            m = min(m, c[FADE_AT] - i)
+        waited = 0
+        while waited < c[WAIT] and ready(c, i, m) == 0:
+            sleep_us(c[SLEEP], 100, 0)
+            waited += 100
+        log = c[LOG] != 0 and room(c, m) == 1
+        if c[LOG] != 0 and not log:
+            c[UNLOGGED] += m
+            event(c, i, GAP, m, keep, 0)
+        held = fill(c, i, m, done if keep else -1)
+        judge(c, i, m, held)
+        run(c[ENTRY], program, f8_at(c[X]), f8_at(c[Y]), m)
+        if keep:
+            deliver(c, done, m, log)
+        if log and c[N_IN] > 0:
+            w, x = c[X_WRITE], f8_at(c[X])
+            for k in range(m):
+                ring = f8_at(c[X_RING] + 8 * c[N_IN] * ((w + k) % c[L_SIZE]))
+                for a in range(c[N_IN]):
+                    ring[a] = x[a * m + k]
+            store(c, X_WRITE, w + m)
+        done += m
+    return done
+
+
+@njit(error_model="numpy")
+def pump(c, n, lost):
+    """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped."""
+    start = now(c)
+    done = 0
+    if load(c, STATE) == RUNNING:
+        if lost > 0 and c[WAS] == RUNNING:
+            i = i8_at(c[CONTEXT])[15]
+            gone = advance(c, lost, 0)
+            if gone > 0:
+                c[LOST] += gone
+                c[UNDERRUNS] += 1
+                event(c, i, LOSS, gone, 0, 0)
+        c[WAS] = RUNNING
+        if load(c, STATE) == RUNNING:
+            done = advance(c, n, 1)
+    outs = i8_at(c[OUTS])
+    for j in range(c[CHANNELS]):
+        out = f4_at(outs[j])
+        for k in range(done, n):
+            out[k * c[STRIDE]] = f4(0.0)
+    if c[STALL] > 0:
+        sleep_us(c[SLEEP], c[STALL], 0)
+        c[STALL] = 0
+    ns = now(c) - start
+    if done > 0:
+        octave = 0
+        while ns >> octave > 15:
+            octave += 1
+        place = ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)
+        i8_at(c[HISTOGRAM])[min(place, BINS - 1)] += 1
+        c[BLOCKS] += 1
+
+
+# what devices call ---------------------------------------------------------------------------------------------------
+@njit(error_model="numpy")
+def jack_block(c, n):
+    """A cycle of JACK: where its buffers are, and how many frames it has skipped since the last."""
+    outs, ports, ins, in_ports = i8_at(c[OUTS]), i8_at(c[PORTS]), i8_at(c[INS]), i8_at(c[IN_PORTS])
+    for j in range(c[CHANNELS]):
+        outs[j] = get_buffer(c[GET_BUFFER], ports[j], n)
+    if c[MOTION] == SIGNALS:
+        connected = 1
+        for a in range(c[N_IN]):
+            ins[a] = get_buffer(c[GET_BUFFER], in_ports[a], n)
+            if frame_time(c[PORT_CONNECTED], in_ports[a], 0) == 0:
+                connected = 0
+        c[CONNECTED] = connected
+    t = frame_time(c[FRAME_TIME], c[CLIENT], 0)
+    lost = (t - c[EXPECTED]) & 0xFFFFFFFF if c[SEEN] else 0
+    c[EXPECTED], c[SEEN] = t + n, 1
+    pump(c, n, lost if lost < 0x80000000 else 0)
+
+
+@cfunc(i4(u4, I8), cache=True, error_model="numpy")
+def jack(n, c):
+    """A JackProcessCallback; its argument is the context."""
+    jack_block(c, types.int64(n))
+    return 0
+
+
+@cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
+def portaudio(source, out, n, time, flags, c):
+    """A PaStreamCallback for interleaved float32; userData is the context."""
+    outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
+    for j in range(c[CHANNELS]):
+        outs[j] = out + 4 * j
+    if c[MOTION] == SIGNALS:
+        c[CONNECTED] = types.int64(source != 0)
+        for a in range(c[N_IN]):
+            ins[a] = source + 4 * a if source != 0 else 0
+    pump(c, types.int64(n), 0)
+    return 0
+
+
+TABLE_OF = types.Array(types.int64, 1, "C")
+COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
+
+
+@njit([types.int64(TABLE_OF, types.int64, types.int64)], cache=True, error_model="numpy", nogil=True)
+def block(c, n, lost):
+    """``pump`` for callers in Python: the fallback, tests, warm-up."""
+    pump(data(c), n, lost)
+    return 0
+
+
+@njit([types.int64(TABLE_OF, types.int64)], cache=True, error_model="numpy", nogil=True)
+def jack_from_python(c, n):
+    jack_block(data(c), n)
+    return 0
+
+
+@njit([types.int64(TABLE_OF, types.int64, types.float64, types.int64)], cache=True, error_model="numpy", nogil=True)
+def null(c_, n, fs, clocked):
+    """A device that is none: blocks of n at the pace of the clock, or as fast as they come, until it is closed.
+
+    The clock is that of a sound card with two buffers: who comes a buffer late has lost blocks.
+    """
+    c = data(c_)
+    period = n * 1e9 / fs
+    start, blocks = now(c), 0
+    while load(c, STATE) != CLOSED:
+        lost = 0
+        if clocked:
+            ns = start + types.int64(blocks * period) - now(c)
+            if ns > 1000:
+                sleep_us(c[SLEEP], ns // 1000, 0)
+            elif ns < -2.0 * period:
+                lost = types.int64(-ns / period)
+                blocks += lost
+            blocks += 1
+        elif load(c, STATE) != RUNNING:
+            sleep_us(c[SLEEP], 500, 0)
+        pump(c, n, lost * n)
+    return 0
+
+
+# the other ends of the rings -----------------------------------------------------------------------------------------
+@njit([types.int64(TABLE_OF, types.int64, types.int64, types.int64, types.int64)], cache=True, error_model="numpy")
+def put_command(c_, kind, a, b, d):
+    """0 when the ring is full."""
+    c = data(c_)
+    w = c[C_WRITE]
+    if w - load(c, C_READ) >= COMMANDS:
+        return 0
+    q = at(i8_at(c[C_RING]), RECORD * (w % COMMANDS))
+    q[0], q[1], q[2], q[3] = kind, a, b, d
+    store(c, C_WRITE, w + 1)
+    return 1
+
+
+@njit([types.int64(TABLE_OF, COLUMNS)], cache=True, error_model="numpy")
+def put_motion(c_, x):
+    """Columns of x (n_in, n) into the ring; returns how many had room."""
+    c = data(c_)
+    w, ring, inputs = c[M_WRITE], f8_at(c[M_RING]), c[N_IN]
+    n = min(x.shape[1], c[M_SIZE] - (w - load(c, M_READ)))
+    for k in range(n):
+        for a in range(inputs):
+            ring[((w + k) % c[M_SIZE]) * inputs + a] = x[a, k]
+    store(c, M_WRITE, w + max(n, 0))
+    return max(n, 0)
+
+
+@njit([types.int64(TABLE_OF)], cache=True, error_model="numpy")
+def next_motion(c_):
+    """Index of the column that a timed motion writes next; it never writes what has been passed already."""
+    c = data(c_)
+    w, r = c[M_WRITE], load(c, M_READ)
+    if w < r:
+        w = r
+        store(c, M_WRITE, w)
+    return w
+
+
+@njit([types.int64(TABLE_OF, types.Array(types.int64, 2, "C"))], cache=True, error_model="numpy")
+def get_events(c_, out):
+    """Records (at, kind, three numbers) into the rows of out; returns how many."""
+    c = data(c_)
+    r = c[E_READ]
+    n = min(load(c, E_WRITE) - r, out.shape[0])
+    ring = i8_at(c[E_RING])
+    for k in range(n):
+        for a in range(RECORD):
+            out[k, a] = ring[RECORD * ((r + k) % EVENTS) + a]
+    store(c, E_READ, r + n)
+    return n
+
+
+@njit([types.int64(TABLE_OF, types.Array(types.float64, 2, "C"))], cache=True, error_model="numpy")
+def get_motion(c_, out):
+    """Columns of the motion as processed into the rows of out (n, n_in); returns how many."""
+    c = data(c_)
+    r, inputs = c[X_READ], c[N_IN]
+    n = min(load(c, X_WRITE) - r, out.shape[0])
+    for k in range(n):
+        ring = f8_at(c[X_RING] + 8 * inputs * ((r + k) % c[L_SIZE]))
+        for a in range(inputs):
+            out[k, a] = ring[a]
+    store(c, X_READ, r + n)
+    return n
+
+
+@njit([types.int64(TABLE_OF, types.Array(types.float32, 2, "C"))], cache=True, error_model="numpy")
+def get_frames(c_, out):
+    """Delivered frames into the rows of out (n, channels); returns how many."""
+    c = data(c_)
+    r, channels = c[F_READ], c[CHANNELS]
+    n = min(load(c, F_WRITE) - r, out.shape[0])
+    for k in range(n):
+        ring = f4_at(c[F_RING] + 4 * channels * ((r + k) % c[L_SIZE]))
+        for j in range(channels):
+            out[k, j] = ring[j]
+    store(c, F_READ, r + n)
+    return n
+
+
+@njit([types.int64(TABLE_OF, types.int64, types.int64)], cache=True, error_model="numpy")
+def write(c, word, value):
+    """Set a word of the context for the callback to see."""
+    store(data(c), word, value)
+    return 0

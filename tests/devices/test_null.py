@@ -1,0 +1,390 @@
+"""The protocol, on the sink without a device: life, errors, changes, reports, and every way out."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import warnings
+
+import numpy as np
+import pytest
+from devices.servers import Seen, kept, offline, replayed, textured
+
+import stimlib
+from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnknownName, constant
+from stimlib.devices.motion import minimum_jerk
+from stimlib.devices.null import NullSink
+from stimlib.devices.safety import Safety
+from stimlib.devices.sink import CLOSE_WITHIN, Sink
+from stimlib.devices.sources import Live
+from stimlib.scenes import squeeze
+
+FS = 8000
+HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
+
+
+def steady(value=1.0):
+    return Scene({"y": Param("level", value) * 1})
+
+
+def fast(scene, full_scale=50.0, **options):
+    return NullSink(scene, full_scale, clocked=False, **options)
+
+
+def clocked(scene, full_scale=1.0, **options):
+    return NullSink(scene, full_scale, realtime=False, **options)
+
+
+@pytest.mark.parametrize("fs", [1000, 8000, 48000])
+@pytest.mark.parametrize("block", [16, 32, 64])
+@pytest.mark.parametrize("channels", [2, 8, 24])
+def test_what_is_delivered_is_the_offline_render(fs, block, channels):
+    log, safety = Seen(), Safety(50.0)
+    scene = textured()
+    with fast(scene, safety, motion=HAND, log=log, seed=3) as sink:
+        sink.open(fs, channels, block)
+        sink.start(seconds=1.0)
+        sink.wait()
+    frames = np.concatenate(log.frames)
+    places = [0, 1] + [-1] * (channels - 2)
+    assert np.array_equal(frames, offline(scene, safety, HAND, fs, fs, log.events, places, seed=3))
+    # between the fades it is float32(render / full scale)
+    plain = stimlib.render(scene, HAND, fs, 1.0, seed=3).y
+    head = safety.samples(fs)
+    assert np.array_equal(frames[head:-head, :2], (plain[:, head:-head] / 50.0).astype(np.float32).T)
+    assert sink.report().produced == sink.report().delivered == fs
+
+
+def test_channels_by_name():
+    log = Seen()
+    with fast(Scene({"a": constant(1.0), "b": constant(2.0)}), 4.0, log=log) as sink:
+        sink.open(FS, channels=["b", None, "a", "b"])
+        sink.start(seconds=0.1)
+        sink.wait()
+    assert np.concatenate(log.frames)[400].tolist() == [0.5, 0.0, 0.25, 0.5]
+
+
+def test_a_session_with_changes_and_parameters():
+    log = Seen()
+    with clocked(squeeze(), 50.0, motion=HAND, params={"k": 1500.0}, log=log) as sink:
+        sink.open(FS, block=64)
+        sink.start(seconds=1.0)
+        time.sleep(0.3)
+        sink.set("k", 800.0, ramp=0.1)
+        sink.wait(5)
+    produced = sink.report().produced
+    assert produced == FS and sink.report().delivered + sink.report().lost == produced
+    change = next((at, e) for at, kind, e in log.events if kind == "set" and e["name"] == "k")
+    assert change[0] % 64 == 0 and change[1] == {"name": "k", "value": 800.0, "ramp": 800}
+    whole = replayed(squeeze(), Safety(50.0), np.concatenate(log.x, axis=1), FS, log.events, params={"k": 1500.0})
+    assert np.array_equal(np.concatenate(log.frames), whole[kept(log.events, produced)])
+    assert log.end == sink.report().to_dict() | {"latency": log.end["latency"]}
+
+
+def test_a_stall_is_told_and_accounted():
+    log = Seen()
+    with clocked(squeeze(), 50.0, motion=HAND, log=log) as sink:
+        sink.open(FS, block=64)
+        sink.start(seconds=1.5)
+        time.sleep(0.3)
+        sink.pump.write("STALL", 300_000)
+        sink.wait(5)
+    r = sink.report()
+    assert r.delivered + r.lost == r.produced == 1.5 * FS
+    lost = [(at, e["frames"]) for at, kind, e in log.events if kind == "lost"]
+    assert max(n for _, n in lost) > 0.25 * FS and sum(n for _, n in lost) == r.lost and len(lost) == r.underruns
+    assert sum(map(len, log.frames)) == r.delivered
+    whole = replayed(squeeze(), Safety(50.0), np.concatenate(log.x, axis=1), FS, log.events)
+    assert np.array_equal(np.concatenate(log.frames), whole[kept(log.events, 12000)])
+
+
+def test_the_hand_may_be_pushed():
+    log = Seen()
+    with fast(Scene({"y": 1 * Input("x")}), 1.0, motion=Live(), log=log) as sink:
+        sink.open(FS)
+        sink.start(seconds=1.0)
+        with pytest.raises(BadValue, match="push: x must be"):
+            sink.push(np.zeros((2, 3)))
+        while not sink.finished:
+            sink.push(np.full((1, 64), 0.5))
+    assert sink.report().produced == FS
+    with pytest.raises(SinkError, match="Live"):
+        with fast(steady()) as other:
+            other.open(FS)
+            other.push(np.zeros((0, 1)))
+
+
+# Protocol ------------------------------------------------------------------------------------------------------------
+def test_life_in_the_wrong_order():
+    sink = fast(steady())
+    with pytest.raises(SinkError, match="open the sink first"):
+        sink.start()
+    with pytest.raises(SinkError, match="never open"):
+        sink.report()
+    with pytest.raises(SinkError, match="open the sink first"):
+        sink.set("level", 1.0)
+    sink.close()
+    sink = fast(steady())
+    sink.open(FS)
+    with pytest.raises(SinkError, match="opened before"):
+        sink.open(FS)
+    sink.start(seconds=0.1)
+    with pytest.raises(SinkError, match="plays once"):
+        sink.start()
+    sink.stop()
+    sink.stop()
+    sink.close()
+    sink.close()
+    with pytest.raises(SinkError, match="closed"):
+        sink.start()
+    assert "NullSink" in repr(sink)
+
+
+@pytest.mark.parametrize(
+    "arguments, error, text",
+    [
+        ({"rate": 0}, BadValue, "sample rate"),
+        ({"rate": FS, "channels": 1}, BadValue, "fewer"),
+        ({"rate": FS, "channels": ["a", "c"]}, UnknownName, "no output 'c'"),
+        ({"rate": FS, "channels": "a"}, BadValue, "list"),
+        ({"rate": FS, "channels": []}, BadValue, "list"),
+        ({"rate": FS, "block": 0}, BadValue, "block"),
+        ({"rate": FS, "block": 1.5}, BadValue, "block"),
+    ],
+)
+def test_what_cannot_be_opened(arguments, error, text):
+    with pytest.raises(error, match=text):
+        fast(Scene({"a": constant(1.0), "b": constant(2.0)})).open(**arguments)
+
+
+def test_what_cannot_be_set():
+    with fast(steady()) as sink:
+        sink.open(FS)
+        with pytest.raises(UnknownName, match="no live number 'sink_gain'; this scene has level"):
+            sink.set("sink_gain", 0.5)
+        with pytest.raises(BadValue, match="finite"):
+            sink.set("level", np.nan)
+        with pytest.raises(BadValue, match="ramp"):
+            sink.set("level", 1.0, ramp=-1)
+        for k in range(256):
+            sink.set("level", k)
+        with pytest.raises(SinkError, match="256 changes"):
+            sink.set("level", 1.0)
+    with pytest.raises(BadValue, match="seconds"):
+        with fast(steady()) as sink:
+            sink.open(FS)
+            sink.start(seconds=0)
+    with pytest.raises(BadValue, match="Scene"):
+        NullSink("squeeze", 1.0)
+
+
+def test_an_output_that_fails_ends_the_session_with_its_name():
+    log = Seen()
+    x = np.ones((1, 4 * FS))
+    x[0, 4000] = np.nan
+    scene = Scene({"good": constant(1.0), "bad": 1 * Input("x")})
+    with pytest.raises(FaultError, match="output bad was not finite at sample 4000"):
+        with clocked(scene, motion={"x": x[0]}, log=log) as sink:
+            sink.open(FS)
+            sink.start()
+            sink.wait(10)
+    assert sink.report().faults == {"bad": 4000}
+    y = np.concatenate(log.frames)
+    assert np.abs(np.diff(y, axis=0)).max() < 0.01 and not y[-1].any(), "the good output is faded too"
+    assert len(y) < 2 * FS
+    assert (4000, "fault", {"output": "bad"}) in log.events and log.end["faults"] == {"bad": 4000}
+
+
+def test_what_was_limited_is_counted():
+    log = Seen()
+    with fast(steady(5.0), 1.0, log=log) as sink:
+        sink.open(FS)
+        sink.start(seconds=0.5)
+        sink.wait()
+    assert sink.report().clips == {"clip": {"y": 4000}} and "4000 samples limited (clip)" in str(sink.report())
+    assert [e for _, kind, e in log.events if kind == "clip"][-1] == {"counts": {"clip": {"y": 4000}}}
+
+
+def test_a_log_that_fails_ends_the_session():
+    class Full(Seen):
+        def delivered(self, frames):
+            if sum(map(len, self.frames)) > 2000:
+                raise OSError(28, "No space left on device")
+            super().delivered(frames)
+
+    with pytest.raises(SinkError, match="log cannot be written.*No space"):
+        with clocked(steady(), log=Full()) as sink:
+            sink.open(FS)
+            sink.start()
+            sink.wait(10)
+    assert sink.finished and sink.pump.index < 5 * FS, "it has faded out"
+
+
+# Ways out ------------------------------------------------------------------------------------------------------------
+def smooth(log, fade=160):
+    y = np.concatenate(log.frames)[:, 0]
+    assert np.abs(np.diff(y, prepend=0)).max() <= 0.01 and y[-1] == 0 and y.max() == 1.0
+    return y
+
+
+@pytest.mark.parametrize("way", ["stop", "close", "leave", "exception", "keyboard", "end"])
+def test_every_way_out_fades(way):
+    log = Seen()
+    try:
+        with clocked(steady(), log=log) as sink:
+            sink.open(FS)
+            sink.start(seconds=0.2 if way == "end" else None)
+            time.sleep(0.3)
+            if way == "stop":
+                sink.stop()
+            elif way == "close":
+                sink.close()
+            elif way == "exception":
+                raise ValueError("an experiment's mistake")
+            elif way == "keyboard":
+                raise KeyboardInterrupt
+    except (ValueError, KeyboardInterrupt):
+        assert way in ("exception", "keyboard")
+    smooth(log)
+    assert sink.finished
+
+
+CHILD = """
+import signal, sys, time, threading
+import numpy as np
+import stimlib
+from stimlib.devices.null import NullSink
+frames = []
+class Log:
+    def motion(self, x): pass
+    def delivered(self, f): frames.append(f.copy())
+    def event(self, at, kind, **data): pass
+    def close(self, report): np.save(sys.argv[1], np.concatenate(frames))
+sink = NullSink(stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, log=Log(), realtime=False)
+sink.open(8000)
+sink.start()
+time.sleep(0.2)
+print("playing", flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    "more, what, code",
+    [
+        ("sink.wait(20)", signal.SIGTERM, 143),
+        ("sink.wait(20)", signal.SIGINT, -2),
+        ("with sink: sink.wait(20)", signal.SIGTERM, 143),
+        ("with sink: sink.wait(20)", signal.SIGINT, -2),
+        ("raise SystemExit(3)", None, 3),
+        ("", None, 0),
+        ("1 / 0", None, 1),
+    ],
+)
+def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
+    path = tmp_path / "frames.npy"
+    child = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(CHILD) + more, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout.readline() == "playing\n", child.stderr.read()
+        began = time.monotonic()
+        if what:
+            child.send_signal(what)
+        child.communicate(timeout=30)
+        assert time.monotonic() - began < CLOSE_WITHIN + 3
+    finally:
+        child.kill()
+    assert child.returncode == code
+    y = np.load(path)[:, 0]
+    assert y.max() == 1.0 and y[-1] == 0 and np.abs(np.diff(y, prepend=0)).max() <= 0.01
+
+
+def test_sigterm_is_given_back():
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    with clocked(steady()) as sink:
+        sink.open(FS)
+        sink.start()
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+class Stuck(NullSink):
+    """A device whose close never comes back, and (dead) which calls no more."""
+
+    device = "stuck"
+    let_go = threading.Event()
+
+    def _close(self):
+        self.let_go.wait(20)
+        super()._close()
+
+
+def test_close_comes_back_from_a_device_that_hangs():
+    Stuck.let_go.clear()
+    sink = Stuck(steady(), 1.0, realtime=False)
+    sink.open(FS)
+    sink.start()
+    time.sleep(0.2)
+    began = time.monotonic()
+    with pytest.warns(RuntimeWarning, match="left behind"):
+        sink.close()
+    assert time.monotonic() - began < CLOSE_WITHIN
+    assert sink.pump.state == sink.pump.native.CLOSED
+    Stuck.let_go.set()
+
+
+def test_close_comes_back_from_a_device_that_calls_no_more():
+    class Dead(Sink):
+        device = "dead"
+        clock = False
+
+        def _open(self):
+            pass
+
+        def _close(self):
+            pass
+
+    sink = Dead(steady(), 1.0)
+    sink.open(FS)
+    sink.start()
+    began = time.monotonic()
+    sink.close()
+    assert time.monotonic() - began < CLOSE_WITHIN
+    assert sink.report().produced == 0
+
+
+def test_a_device_that_cannot_be_opened_is_let_go():
+    class Busy(NullSink):
+        closed = False
+
+        def _open(self):
+            raise SinkError("busy")
+
+        def _close(self):
+            self.closed = True
+
+    sink = Busy(steady(), 1.0)
+    with pytest.raises(SinkError, match="busy"):
+        sink.open(FS)
+    assert sink.closed
+    sink.close()
+
+
+# Real time -----------------------------------------------------------------------------------------------------------
+def test_real_time_set_up_warns_at_most_once_and_is_undone():
+    import gc
+
+    before = gc.get_freeze_count()
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        with NullSink(steady(), 1.0, realtime=True) as sink:
+            sink.open(FS)
+            sink.start(seconds=0.3)
+            assert gc.get_freeze_count() > before
+            sink.wait(5)
+    assert gc.get_freeze_count() == 0
+    assert len(seen) <= 1 and all("not permitted" in str(w.message) for w in seen)
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER, "only the device's thread has a priority"

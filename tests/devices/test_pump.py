@@ -1,0 +1,325 @@
+"""The compiled callback, called from here: any cut into blocks, losses, changes, motion that stays away, full rings."""
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Input, Param, Scene
+from stimlib.devices.engine import Pump
+from stimlib.devices.safety import GAIN, Safety, protect, to_device
+from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
+from stimlib.scenes import squeeze
+
+FS = 8000
+
+
+class Bench:
+    """A pump with buffers for its channels; ``out`` collects what a device would hear."""
+
+    def __init__(self, scene, source, channels=None, fs=FS, log=True, full_scale=50.0, largest=4096):
+        self.safety = Safety(full_scale)
+        self.proc = stimlib.compile(protect(scene, self.safety), fs)
+        self.channels = list(range(len(scene.outputs))) if channels is None else channels
+        self.pump = Pump(self.proc, self.safety, self.channels, source, log)
+        self.buffer = np.full((len(self.channels), largest), np.nan, np.float32)
+        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * largest * np.arange(len(self.channels))
+        self.out, self.events, self.motion, self.logged = [], [], [], []
+
+    def block(self, n, lost=0):
+        self.pump.block(n, lost)
+        self.out.append(self.buffer[:, :n].T.copy())
+        self.buffer[:] = np.nan
+        self.drain()
+
+    def drain(self):
+        self.events += self.pump.events()
+        while len(x := self.pump.motion()):
+            self.motion.append(x.copy())
+        while len(f := self.pump.frames()):
+            self.logged.append(f.copy())
+
+    def heard(self):
+        return np.concatenate(self.out)
+
+    def reference(self, x, events=None):
+        """The same from the processor alone: motion and events are all it needs."""
+        proc = stimlib.compile(self.proc.scene, self.proc.fs)
+        parts, i = [], 0
+        for at, kind, e in self.events if events is None else events:
+            if kind == "set":
+                parts.append(proc.process(np.ascontiguousarray(x[:, i:at])))
+                i = at
+                proc.set(e["name"], e["value"], ramp=e["ramp"] / proc.fs)
+        parts.append(proc.process(np.ascontiguousarray(x[:, i:])))
+        return to_device(np.concatenate(parts, axis=1), self.safety.scales(proc.outputs), self.channels)
+
+
+def fingers(n, fs=FS):
+    t = np.arange(n) / fs
+    return np.stack([0.01 * (1 - np.cos(2 * np.pi * 2 * t)), 0.004 * (1 - np.cos(2 * np.pi * 3 * t))])
+
+
+def cuts(kind, n):
+    if isinstance(kind, int):
+        return [kind] * (n // kind) + [n % kind] * (n % kind > 0)
+    rng, sizes = np.random.default_rng(1), []
+    while sum(sizes) < n:
+        sizes.append(int(min(rng.choice([1, 2, 7, 63, 64, 65, 255, 256, 257, 1000]), n - sum(sizes))))
+    return sizes
+
+
+@pytest.mark.parametrize("kind", [1, 16, 64, 100, 256, 1000, "mixed"])
+def test_the_samples_do_not_depend_on_the_block(kind):
+    x = fingers(3000)
+    bench = Bench(squeeze(), Recorded(x), channels=[1, -1, 0])
+    bench.pump.start(3000)
+    for n in cuts(kind, 3100):
+        bench.block(n)
+    heard = bench.heard()
+    assert np.array_equal(heard[:3000], bench.reference(x))
+    assert not heard[3000:].any() and not np.isnan(heard).any()
+    assert np.abs(heard).max() > 0.5
+    assert np.array_equal(np.concatenate(bench.logged), heard[:3000])
+    assert np.array_equal(np.concatenate(bench.motion), x.T)
+    assert [(at, e["value"]) for at, kind, e in bench.events if kind == "set"] == [(0, 1.0), (3000 - 160, 0.0)]
+    assert bench.pump.state == bench.pump.native.DONE and bench.pump.index == 3000
+
+
+def test_silent_before_the_start_and_after_the_end():
+    bench = Bench(squeeze(), Recorded(fingers(500)))
+    bench.block(64)
+    assert not bench.heard().any() and bench.pump.index == 0
+    bench.pump.start(500)
+    for _ in range(10):
+        bench.block(64)
+    assert not bench.out[-1].any() and bench.pump.index == 500
+
+
+def test_lost_frames_are_produced_and_told():
+    x = fingers(4000)
+    bench = Bench(squeeze(), Recorded(x))
+    bench.block(64, lost=1000)  # before the start there is nothing to lose
+    bench.pump.start(4000)
+    plan = [(64, 0), (64, 100), (64, 0), (64, 2000), (256, 0), (64, 3)]
+    lost, at = [], 0
+    for n, gone in plan:
+        if gone:
+            lost.append((at, gone))
+        at += n + gone
+        bench.block(n, gone)
+    assert [(at, e["frames"]) for at, kind, e in bench.events if kind == "lost"] == lost
+    kept = np.ones(at, bool)
+    for i, n in lost:
+        kept[i : i + n] = False
+    whole = bench.reference(x[:, :at])
+    assert np.array_equal(bench.heard()[64:], whole[kept])
+    assert np.array_equal(np.concatenate(bench.motion), x[:, :at].T), "the motion of what was lost is in the log too"
+    p = bench.pump
+    assert p.read("DELIVERED") + p.read("LOST") == p.index == at
+    assert (p.read("LOST"), p.read("UNDERRUNS")) == (2103, 3)
+
+
+def test_the_end_may_fall_into_what_is_lost():
+    bench = Bench(squeeze(), Recorded(fingers(1000)))
+    bench.pump.start(1000)
+    bench.block(900)
+    bench.block(64, lost=500)
+    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (1000, 100, 900)
+    assert not bench.out[-1].any()
+
+
+def test_changes_take_effect_at_the_index_that_is_told():
+    x = fingers(2000)
+    bench = Bench(squeeze(), Recorded(x))
+    bench.pump.start(2000)
+    bench.block(500)
+    assert bench.pump.set("k", 1000.0, 37) and bench.pump.set("A", 0.0, 1)
+    bench.block(300)
+    bench.pump.set("k", 3000.0, 800)
+    for _ in range(20):
+        bench.block(60)
+    named = [(at, e["name"]) for at, kind, e in bench.events if kind == "set" and e["name"] != GAIN]
+    assert named == [(500, "k"), (500, "A"), (800, "k")]
+    assert np.array_equal(bench.heard(), bench.reference(x))
+
+
+def test_stop_fades_from_the_next_block():
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(None)
+    bench.block(300)
+    bench.pump.stop("stop")
+    bench.block(1000)
+    y = bench.heard()[:, 0]
+    assert (300, "stop", {"reason": "stop"}) in bench.events
+    assert np.abs(np.diff(y)).max() < 0.01 and y[299] == 1 and not y[460:].any()
+    assert bench.pump.index == 460
+
+
+def test_a_stop_during_the_fade_in_has_no_step():
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(None)
+    bench.block(80)
+    bench.pump.stop("stop")
+    bench.block(300)
+    assert np.abs(np.diff(bench.heard()[:, 0])).max() < 0.01
+
+
+def test_a_session_shorter_than_its_fades_has_no_step():
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(100)
+    bench.block(300)
+    y = bench.heard()[:, 0]
+    assert np.abs(np.diff(y)).max() < 0.01 and not y[100:].any()
+
+
+def live(keep=0.05):
+    return Bench(Scene({"y": 1.0 * Input("x")}), Live(keep), full_scale=1.0)
+
+
+def test_live_motion_is_taken_in_order():
+    bench = live()
+    bench.pump.start(None)
+    sent = np.linspace(0.1, 0.9, 1000)
+    for k in range(0, 1000, 50):
+        assert bench.pump.put_motion(sent[None, k : k + 50]) == 50
+        bench.block(50)
+    assert np.array_equal(np.concatenate(bench.motion)[:, 0], sent)
+    assert bench.events[0][1] == "fresh", "the gain rises with the first motion"
+    assert np.array_equal(bench.heard(), bench.reference(sent[None]))
+
+
+def test_motion_that_stays_away_is_held_then_faded():
+    bench = live()
+    bench.pump.start(None)
+    bench.pump.put_motion(np.full((1, 400), 0.8))
+    for _ in range(25):
+        bench.block(64)
+    y = bench.heard()[:, 0]
+    stale = [(at, e["samples"]) for at, kind, e in bench.events if kind == "stale"]
+    assert len(stale) == 1 and 800 <= stale[0][0] < 864, "50 ms after the last column, at a block's start"
+    assert np.abs(np.diff(y)).max() < 0.01
+    assert y[700] == np.float32(0.8) and not y[stale[0][0] + 160 :].any()
+    bench.pump.put_motion(np.full((1, 400), -0.8))
+    for _ in range(6):
+        bench.block(64)
+    y = bench.heard()[:, 0]
+    assert bench.events[-2][1] == "fresh" and np.abs(np.diff(y)).max() < 0.01 and y[-1] == np.float32(-0.8)
+
+
+def test_a_slow_tracker_is_held_between_its_reports():
+    bench = live()
+    bench.pump.start(None)
+    for k in range(20):
+        bench.pump.put_motion(np.full((1, 1), 0.01 * k))
+        bench.block(64)  # 125 reports a second
+    assert np.array_equal(np.concatenate(bench.motion)[:, 0], np.repeat(0.01 * np.arange(20), 64))
+    assert "stale" not in [kind for _, kind, _ in bench.events]
+
+
+def test_no_delay_grows_behind_a_live_motion():
+    bench = live(keep=0.01)
+    bench.pump.start(None)
+    for k in range(50):
+        bench.pump.put_motion(np.full((1, 100), 0.01 * k))  # faster than the device
+        bench.block(64)
+        assert bench.motion[-1][-1, 0] >= 0.01 * (k - 1)
+    assert bench.pump.read("SKIPPED") == 5000 - 50 * 64 - (bench.pump.read("M_WRITE") - bench.pump.read("M_READ"))
+
+
+def test_a_full_ring_takes_no_more():
+    bench = live()
+    size = bench.pump.read("M_SIZE")
+    assert bench.pump.put_motion(np.zeros((1, size + 5))) == size
+    assert bench.pump.put_motion(np.zeros((1, 5))) == 0
+
+
+def test_a_scripted_column_belongs_to_its_sample():
+    bench = Bench(Scene({"y": 1.0 * Input("x")}), Scripted({"x": np.cos}), full_scale=1.0)
+    bench.pump.start(None)
+    bench.pump.put_motion(np.arange(100.0)[None] * 1e-3)
+    bench.block(64)
+    bench.block(64)  # 36 columns, then held
+    assert bench.pump.next_motion() == 128, "what is late is left out"
+    bench.pump.put_motion(np.arange(128.0, 192.0)[None] * 1e-3)
+    bench.block(64)
+    x = np.concatenate(bench.motion)[:, 0] * 1e3
+    assert np.allclose(x, np.r_[np.arange(100), [99] * 28, np.arange(128, 192)])
+
+
+def test_signals_as_positions():
+    source = Signals({"x": Signal(0.05, 0.01), "z": Signal(2.0)})
+    bench = Bench(Scene({"y": 1.0 * Input("x"), "w": 1 * Input("z")}), source, full_scale=1.0)
+    rng = np.random.default_rng(0)
+    ins = rng.uniform(-0.4, 0.4, (2, 1000)).astype(np.float32)
+    bench.pump.start(None)
+    for k in range(0, 1000, 100):
+        bench.pump.buffers("INS")[:] = [ins[a, k:].ctypes.data for a in range(2)]
+        bench.block(100)
+    x = np.stack([ins[0].astype(float) * 0.05 + 0.01, ins[1].astype(float) * 2.0])
+    assert np.array_equal(np.concatenate(bench.motion).T, x)
+    assert np.array_equal(bench.heard(), bench.reference(x))
+    bench.pump.write("CONNECTED", 0)
+    for _ in range(10):
+        bench.block(100)
+    assert [kind for _, kind, _ in bench.events if kind != "set"] == ["fresh", "stale"]
+    assert not bench.heard()[-100:].any()
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_a_motion_that_is_not_finite_never_reaches_the_device(wrong):
+    x = fingers(2000)
+    x[0, 700] = wrong
+    bench = Bench(squeeze(), Recorded(x))
+    bench.pump.start(2000)
+    for _ in range(32):
+        bench.block(64)
+    heard = bench.heard()
+    assert np.isfinite(heard).all() and np.abs(heard).max() <= 1
+    assert np.array_equal(heard[:2000], bench.reference(x))
+    assert heard[600:700, 0].any() and not heard[900:, 0].any() and heard[900:1700, 1].any()
+
+
+def test_what_is_beyond_full_scale_stays_at_it():
+    bench = Bench(Scene({"y": Input("x") * 1e9}), Recorded(np.ones((1, 1000))), full_scale=3.0)
+    bench.pump.start(1000)
+    bench.block(1000)
+    assert bench.heard().max() == 1.0
+
+
+def test_a_log_that_is_not_read_says_what_it_lacks():
+    bench = Bench(Scene({"y": Param("a", 0.5) * Input("x")}), Recorded(np.ones((1, 10**5))), fs=1000, full_scale=1.0)
+    bench.pump.start(None)
+    size = bench.pump.read("L_SIZE")
+    for _ in range(size // 1000 + 3):
+        bench.pump.block(1000)
+    n = bench.pump.index
+    bench.drain()
+    gaps = [(at, e["frames"]) for at, kind, e in bench.events if kind == "gap"]
+    assert sum(g for _, g in gaps) == bench.pump.read("UNLOGGED") == n - sum(map(len, bench.logged)) > 0
+    assert sum(map(len, bench.motion)) == sum(map(len, bench.logged))
+    bench.block(1000)
+    assert sum(map(len, bench.logged)) == n - sum(g for _, g in gaps) + 1000
+
+
+def test_command_ring_refuses_when_full():
+    bench = Bench(squeeze(), Recorded(fingers(1000)))
+    taken = sum(bench.pump.set("k", 1000.0 + k, 1) for k in range(300))
+    assert taken == bench.pump.native.COMMANDS
+    bench.pump.start(None)  # its own change finds no room; the gain stays 0 rather than jump
+    bench.block(64)
+    assert bench.pump.set("k", 1.0, 1)
+
+
+def test_percentiles_of_block_times():
+    pump = Bench(squeeze(), Recorded(fingers(1000))).pump
+    assert pump.percentiles(50, 100) == [0.0, 0.0]
+    for ns, count in ((3, 10), (1000, 80), (10**6, 10)):
+        octave = ns.bit_length() - 4
+        pump.histogram[ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)] += count
+    p5, p50, p99 = pump.percentiles(5, 50, 99)
+    assert 3e-9 <= p5 <= 4e-9 and 1000e-9 <= p50 <= 1125e-9 and 1e-3 <= p99 <= 1.125e-3
+    bench = Bench(squeeze(), Recorded(fingers(1000)))
+    bench.pump.start(None)
+    bench.pump.write("STALL", 20_000)
+    bench.block(64)
+    assert 0.02 <= bench.pump.percentiles(100)[0] < 1.0

@@ -1,0 +1,146 @@
+"""The safety stage: what it does to samples, that it counts, and that it does nothing where nothing is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, constant
+from stimlib.devices.safety import GAIN, Safety, Watch, protect, to_device
+from stimlib.scenes import squeeze
+
+FS = 8000
+
+
+def compiled(scene, safety, fs=FS, gain=1.0, target="numba"):
+    proc = stimlib.compile(protect(scene, safety), fs, target)
+    proc.set(GAIN, gain, ramp=0.0)
+    return proc
+
+
+def finger(n, fs=FS):
+    return 0.01 * (1 - np.cos(2 * np.pi * 2 * np.arange(n) / fs))
+
+
+def test_what_is_not_limited_passes_bit_for_bit():
+    x = np.stack([finger(FS), 0.5 * finger(FS)])
+    plain = stimlib.compile(squeeze(), FS).process(x)
+    proc = compiled(squeeze(), Safety(200.0, slew=1e9, peak=150.0, static=100.0))
+    assert np.abs(plain).max() > 10
+    assert np.array_equal(proc.process(x), plain)
+    assert Watch(proc).counts() == {} and Watch(proc).faults() == {}
+
+
+@pytest.mark.parametrize("target", ["numba", "python"])
+def test_every_stage_limits_and_counts(target):
+    scene = Scene({"force": 1.0 * Input("f", "N"), "x": 2 * Input("x", "m")})
+    x = np.zeros((2, 300))
+    x[0, 100:] = 100.0
+    x[1, 250:] = -3.0
+    safety = Safety({"force": 50.0, "x": 5.0}, slew={"force": 40.0 * FS}, peak=80.0, static=60.0)
+    proc = compiled(scene, safety, target=target)
+    y = proc.process(x)
+    assert y[0, 99:103].tolist() == [0.0, 40.0, 50.0, 50.0], "slew, then full scale"
+    assert y[1, 250:].tolist() == [-5.0] * 50, "no slew, no force rule: only the clip"
+    counts = Watch(proc).counts()
+    assert counts == {"peak": {"force": 200}, "slew": {"force": 1}, "clip": {"force": 199, "x": 50}}
+    long = compiled(scene, safety, fs=1000)
+    y = long.process(np.stack([np.full(60_000, 79.0), np.zeros(60_000)]))
+    assert Watch(long).counts()["static"]["force"] > 30_000
+    assert y.max() <= 50.0
+
+
+def test_what_is_not_finite_stops_its_output_and_says_where():
+    scene = Scene({"a": 1 * Input("u"), "b": 1 * Input("v"), "c": 2 * Input("v")})
+    proc = compiled(scene, Safety(1.0, slew=1e9))
+    x = np.full((2, 400), 0.5)
+    x[0, 200] = np.nan
+    x[1, 300:] = -np.inf
+    y = proc.process(x)
+    assert np.isfinite(y).all()
+    assert Watch(proc).faults() == {"a": 200, "b": 300, "c": 300}
+    assert np.abs(np.diff(y[0])).max() <= 0.5 / 160 * 1.001, "the guard fades in 20 ms"
+    assert not y[0, 361:].any()
+
+
+def test_a_fade_during_a_fault_has_no_step():
+    """The gain stands behind the guard: stopping while the guard fades multiplies both."""
+    proc = compiled(Scene({"a": 1 * Input("u")}), Safety(1.0))
+    x = np.ones((1, 100))
+    parts = [proc.process(x)]
+    proc.set(GAIN, 0.0, ramp=0.02)
+    parts.append(proc.process(np.ones((1, 80))))
+    parts.append(proc.process(np.full((1, 200), np.nan)))
+    y = np.concatenate(parts, axis=1)[0]
+    assert np.abs(np.diff(y)).max() <= 0.01
+    assert y[-1] == 0
+
+
+@pytest.mark.parametrize("fs", [1000, 8000, 48000])
+@pytest.mark.parametrize("value", [1.0, 1000.0])
+def test_a_fade_has_steps_below_one_percent_even_of_what_is_clipped(fs, value):
+    safety = Safety(1.0)
+    proc = compiled(Scene({"y": constant(value)}), safety, fs)
+    n = safety.samples(fs)
+    assert n / fs >= 0.02
+    proc.process(np.empty((0, 10)))
+    proc.set(GAIN, 0.0, ramp=n / fs)
+    y = np.r_[1.0, proc.process(np.empty((0, n + 5)))[0]]
+    assert np.abs(np.diff(y)).max() < 0.01
+    assert not y[n:].any()
+
+
+def test_silent_until_the_gain_is_set():
+    proc = stimlib.compile(protect(Scene({"y": constant(1.0)}), Safety(1.0)), FS)
+    assert not proc.process(np.empty((0, 100))).any()
+
+
+def test_frames_for_a_device():
+    y = np.array([[1.0, -70.0, np.nan], [0.1, np.inf, 0.25]])
+    frames = to_device(y, np.array([50.0, 1.0]), [1, -1, 0])
+    assert frames.dtype == np.float32
+    expected = np.array([[0.1, 0, 0.02], [0, 0, -1], [0.25, 0, 0]], np.float32)
+    assert np.array_equal(frames, expected)
+
+
+def test_plain_data():
+    safety = Safety({"force": 50}, slew={"force": 1e4}, peak=40, fade=0.05)
+    assert Safety(**json.loads(json.dumps(safety.to_dict()))) == safety
+    assert safety.scales(("force",)).tolist() == [50.0]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"full_scale": 0},
+        {"full_scale": float("nan")},
+        {"full_scale": "much"},
+        {"full_scale": True},
+        {"full_scale": 1, "slew": -1},
+        {"full_scale": 1, "fade": 0.01},
+        {"full_scale": 1, "fade": 1.0},
+        {"full_scale": {"a": 0.0}},
+    ],
+)
+def test_bad_numbers(wrong):
+    with pytest.raises(BadValue, match="Safety"):
+        Safety(**wrong)
+
+
+def test_names_that_do_not_fit():
+    scene = Scene({"a": constant(1.0), "b": constant(2.0)})
+    with pytest.raises(UnknownName, match="b"):
+        protect(scene, Safety({"a": 1.0}))
+    with pytest.raises(UnknownName, match="c"):
+        protect(scene, Safety(1.0, slew={"c": 1.0}))
+    with pytest.raises(SceneError, match="sink_gain"):
+        protect(Scene({"a": Param(GAIN, 1.0) * 2}), Safety(1.0))
+
+
+def test_equal_outputs_are_counted_apart():
+    proc = compiled(Scene({"a": 2 * Input("u"), "b": 2 * Input("u")}), Safety({"a": 1.0, "b": 3.0}))
+    proc.process(np.ones((1, 7)))
+    assert Watch(proc).counts() == {"clip": {"a": 7}}
+    proc.process(np.full((1, 1), np.nan))
+    assert Watch(proc).faults() == {"a": 7, "b": 7}

@@ -1,0 +1,93 @@
+"""Where motion comes from, and how a scripted hand keeps up."""
+
+import numpy as np
+import pytest
+from devices.servers import Seen
+
+import stimlib
+from stimlib import BadValue, Input, Scene, UnknownName
+from stimlib.devices.motion import minimum_jerk
+from stimlib.devices.null import NullSink
+from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals, length, source_of
+
+FS = 8000
+
+
+def test_a_mapping_is_a_recording_or_a_hand():
+    both = source_of({"b": np.arange(5), "a": np.zeros(7)}, ("a", "b"))
+    assert isinstance(both, Recorded) and both.x.shape == (2, 5) and both.x[1].tolist() == [0, 1, 2, 3, 4]
+    hand = source_of({"a": np.sin, "b": np.zeros(7)}, ("a", "b"))
+    assert isinstance(hand, Scripted)
+    assert (length(both), length(hand), length(source_of({"a": np.sin}, ("a",))), length(Live())) == (5, 7, None, None)
+    assert source_of(None, ()) is None
+
+
+@pytest.mark.parametrize(
+    "motion, error",
+    [
+        (None, BadValue),
+        (3, BadValue),
+        ({"a": np.zeros(3)}, UnknownName),
+        ({"a": np.zeros(3), "b": np.zeros(3), "c": np.zeros(3)}, UnknownName),
+        ({"a": np.zeros((2, 3)), "b": np.zeros(3)}, BadValue),
+        ({"a": np.zeros(0), "b": np.zeros(3)}, BadValue),
+        (Recorded(np.zeros((3, 10))), BadValue),
+        (Signals({"a": Signal(1.0)}), UnknownName),
+        (Scripted({"a": np.sin}), UnknownName),
+    ],
+)
+def test_what_does_not_fit(motion, error):
+    with pytest.raises(error):
+        source_of(motion, ("a", "b"))
+
+
+def test_bad_numbers():
+    with pytest.raises(BadValue, match="keep"):
+        Live(0.0)
+    with pytest.raises(BadValue, match="finite"):
+        Signal(np.nan)
+    with pytest.raises(BadValue, match="shape"):
+        Recorded(np.zeros(5))
+    with pytest.raises(BadValue, match="motion"):
+        NullSink(Scene({"y": 1 * Input("x")}), 1.0)
+    with pytest.raises(UnknownName):
+        NullSink(Scene({"y": stimlib.constant(1.0)}), 1.0, motion={"x": np.sin})
+
+
+@pytest.mark.parametrize("clocked", [False, True])
+def test_a_scripted_hand_is_its_function_of_time(clocked):
+    hand, log, seconds = minimum_jerk(0.02), Seen(), 1.5 if clocked else 60.0
+    scene = Scene({"y": 1.0 * Input("x", "m"), "z": Input("w") * 1})
+    n = round(seconds * FS)
+    w = np.linspace(0, 1, n)
+    with NullSink(scene, 1.0, motion={"x": hand, "w": w}, clocked=clocked, log=log, realtime=False) as sink:
+        sink.open(FS)
+        sink.start()
+        sink.wait(30)
+        assert sink.finished
+    x = np.concatenate(log.x, axis=1)
+    expected = np.stack([hand(np.arange(n) / FS), w])
+    if clocked:  # on a busy machine the hand may be late: then it is held, and goes on where it belongs
+        late = (x != expected).any(axis=0)
+        assert x.shape == expected.shape and late.sum() < n / 4 and not late[:64].any()
+    else:
+        assert np.array_equal(x, expected)
+
+
+def test_a_hand_that_fails_fades_out_and_says_so():
+    def broken(t):
+        return np.where(t < 1.0, 0.5, np.nan)
+
+    log = Seen()
+    with pytest.raises(BadValue, match="not finite at sample 8000"):
+        with NullSink(Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log) as sink:
+            sink.open(FS)
+            sink.start(seconds=10)
+            sink.wait()
+    with pytest.raises(BadValue, match="not finite"):  # at once, where it is seen before the start
+        with NullSink(Scene({"y": 1 * Input("x")}), 1.0, motion={"x": lambda t: t * np.nan}) as sink:
+            sink.open(FS)
+            sink.start()
+    y = np.concatenate(log.frames)
+    assert np.abs(np.diff(y[:, 0], prepend=0)).max() < 0.01 and y[-1] == 0
+    assert log.end["produced"] == len(y)
