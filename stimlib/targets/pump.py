@@ -352,6 +352,12 @@ def jack(n, c):
     return 0
 
 
+@cfunc(types.void(i4, I8), cache=True, error_model="numpy")
+def jack_freewheel(starting, c):
+    """A JackFreewheelCallback: without a clock there is time to wait for a hand and a log."""
+    store(c, WAIT, 1000000 if starting else 0)
+
+
 @cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
 def portaudio(source, out, n, time, flags, c):
     """A PaStreamCallback for interleaved float32; userData is the context."""

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+
 import numpy as np
+import pytest
 
 import stimlib
 from stimlib import blocks
@@ -72,3 +79,132 @@ def kept(events, n):
         if kind == "lost":
             out[at : at + e["frames"]] = False
     return out
+
+
+# JACK ----------------------------------------------------------------------------------------------------------------
+def needs_jack():
+    """Skip where there is no JACK; a mark for a whole file is ``pytestmark = needs_jack()``."""
+    try:
+        import jack  # noqa: F401
+
+        missing = None if shutil.which("jackd") else "the command jackd"
+    except (ImportError, OSError) as e:
+        missing = str(e)
+    return pytest.mark.skipif(missing is not None, reason=f"needs a JACK server: {missing} (tests/devices/install.sh)")
+
+
+class Jackd:
+    """A JACK server without hardware, on a name of its own; ended by its process id.
+
+    ``log`` is what it has said.
+    """
+
+    count = 0
+
+    def __init__(self, rate=8000, block=64, captures=8, playbacks=24, options=()):
+        Jackd.count += 1
+        self.name = f"stimlib{os.getpid()}_{Jackd.count}"
+        self.rate, self.block = rate, block
+        self._out = tempfile.TemporaryFile("w+")
+        text = f"jackd -n {self.name} -r {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
+        env = os.environ | {"JACK_NO_AUDIO_RESERVATION": "1"}
+        self.process = subprocess.Popen(text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env)
+
+    @property
+    def log(self):
+        self._out.seek(0)
+        return self._out.read()
+
+    def __enter__(self):
+        import jack
+
+        jack.set_error_function(lambda text: None)
+        for _ in range(200):
+            try:
+                jack.Client("probe", no_start_server=True, servername=self.name).close()
+                return self
+            except jack.JackOpenError:
+                if self.process.poll() is not None:
+                    break
+                time.sleep(0.05)
+        self.__exit__()
+        raise RuntimeError(f"jackd does not start: {self.log}")
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(5)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self._out.close()
+
+
+def _capture_callback():
+    """Compiled, so that Python's own business never disturbs what is measured."""
+    from numba import cfunc, types
+
+    from stimlib.devices.engine import _native
+
+    native = _native()
+    at, f4_at, i8_at, get_buffer = native.at, native.f4_at, native.i8_at, native.get_buffer
+
+    @cfunc(types.int32(types.uint32, types.CPointer(types.int64)), error_model="numpy")
+    def capture(n, c):  # 0 get_buffer, 1 ports, 2 channels, 3 frames, 4 size, 5 count
+        ports, w = i8_at(c[1]), c[5]
+        if w + n <= c[4]:
+            for j in range(c[2]):
+                source, to = f4_at(get_buffer(c[0], ports[j], types.int64(n))), f4_at(c[3] + 4 * (j * c[4] + w))
+                for k in range(n):
+                    to[k] = source[k]
+            c[5] = w + n
+        return 0
+
+    return capture
+
+
+class Capture:
+    """A second client that records what arrives at its ports ``NAME:in_1`` ..; ``frames()`` is (n, channels)."""
+
+    callback = None
+
+    def __init__(self, server, channels, size, name="capture"):
+        import jack
+
+        Capture.callback = Capture.callback or _capture_callback()
+        self.client = client = jack.Client(name, no_start_server=True, servername=server, use_exact_name=True)
+        self.ports = [client.inports.register(f"in_{k + 1}") for k in range(channels)]
+        self.names = [p.name for p in self.ports]
+        self.data = np.zeros((channels, size), np.float32)
+
+        def address(v):
+            return int(jack._ffi.cast("uintptr_t", v))
+
+        self._addresses = np.array([address(p._ptr) for p in self.ports], np.int64)
+        get = address(jack._lib.jack_port_get_buffer)
+        self.words = np.array([get, self._addresses.ctypes.data, channels, self.data.ctypes.data, size, 0], np.int64)
+        process = jack._ffi.cast("JackProcessCallback", Capture.callback.address)
+        jack._lib.jack_set_process_callback(client._ptr, process, jack._ffi.cast("void*", self.words.ctypes.data))
+        client.activate()
+
+    def frames(self):
+        return self.data[:, : self.words[5]].T
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.client.deactivate()
+        self.client.close()
+
+
+def aligned(captured, expected):
+    """Captured frames from where the expected begin, cut to their length: both start at the first sound.
+
+    An error names the first frame that differs.
+    """
+    first, start = (int(np.flatnonzero(a.any(axis=1))[0]) for a in (expected, captured))
+    got = captured[start - first :][: len(expected)] if start >= first else captured[:0]
+    assert got.shape == expected.shape, f"{len(got)} frames of {len(expected)} were captured"
+    return got

@@ -1,0 +1,226 @@
+"""A sink on a JACK server: the compiled program runs in JACK's own process callback.
+
+JACK-Client gives callbacks in Python only.  To have the compiled one called without the interpreter, this file uses inner
+parts of it (``jack._lib``, ``jack._ffi``, ``_ptr``), so its version is pinned; where they are missing, a Python callback does the
+same, with a warning.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+from ..errors import BadValue, SinkError
+from .sink import Sink
+from .sources import Signals
+
+INSTALL = "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
+
+
+def _jack() -> ModuleType:
+    try:
+        import jack
+    except ImportError as e:
+        raise SinkError(f"the package JACK-Client is missing ({e}): {INSTALL}") from None
+    except OSError as e:
+        raise SinkError(f"the JACK library is missing ({e}): {INSTALL}") from None
+    return jack
+
+
+class JackSink(Sink):
+    """Plays on a JACK server that is running.
+
+    Parameters
+    ----------
+    scene, safety, **options
+        See ``Sink``.
+    name : str
+        Of the client; its ports are named like the outputs.  There must be no other client of this name.
+    server : str, optional
+        Name of the server, "default" by default.
+    connect : "system", sequence of str or None
+        Where each channel goes: to the physical outputs in their order, to these ports, or nowhere.
+    compiled : bool
+        False for a callback in Python, which stutters whenever Python is busy: for comparison only.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.jack import JackSink
+    >>> sink = JackSink(stimlib.scenes.squeeze(), 50.0, motion={"x1": abs, "x2": abs}, server="none_of_this_name")
+    >>> sink.open(rate=8000)
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.SinkError: ...
+    """
+
+    device = "jack"
+
+    def __init__(
+        self,
+        scene,
+        safety,
+        *,
+        name: str = "stimlib",
+        server: str | None = None,
+        connect: str | Sequence[str] | None = "system",
+        compiled: bool = True,
+        **options: Any,
+    ):
+        super().__init__(scene, safety, **options)
+        if isinstance(connect, str) and connect != "system":
+            connect = [connect]
+        self.name, self.server, self.connect, self.compiled = name, server, connect, compiled
+        self._client: Any = None
+
+    def _open(self) -> None:
+        jack = _jack()
+        said: list[str] = []
+        jack.set_error_function(said.append)  # libjack would print them
+        try:
+            try:
+                self._client = client = jack.Client(self.name, use_exact_name=True, no_start_server=True, servername=self.server)
+            except jack.JackOpenError as e:
+                raise self._no_client(e, said) from None
+            self._fits(client)
+            outs = [client.outports.register(n) for n in self._port_names()]
+            ins = []
+            if isinstance(self.motion, Signals):
+                ins = [client.inports.register(f"in_{n}") for n in self.proc.inputs]
+            self._take_callback(jack, client, outs, ins)
+            client.set_shutdown_callback(self._server_ended)
+            client.activate()
+            for port, to in zip(outs, self._targets(client), strict=False):
+                client.connect(port, to)
+            for port, n in zip(ins, self.proc.inputs, strict=False):
+                assert isinstance(self.motion, Signals)
+                source = self.motion.inputs[n].connect
+                if source is not None:
+                    client.connect(source, port)
+        except jack.JackError as e:
+            raise SinkError(f"jack: {e}" + (f" ({said[-1]})" if said else "")) from None
+        finally:
+            jack.set_error_function(_quiet)
+
+    def _no_client(self, e: Any, said: list[str]) -> SinkError:
+        where = f"server {self.server!r}" if self.server else "server"
+        if e.status.name_not_unique:
+            return SinkError(f"jack: the {where} has a client {self.name!r} already: end it, or give this one another name")
+        if e.status.server_failed or e.status.server_error:
+            how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
+            return SinkError(f"jack: no {where} is running: start one, such as {how}")
+        return SinkError(f"jack: the {where} takes no client: {e}" + (f" ({said[-1]})" if said else ""))
+
+    def _fits(self, client: Any) -> None:
+        if client.samplerate != self.rate:
+            raise SinkError(
+                f"jack: the server runs at {client.samplerate} Hz, not at {self.rate:g}: open(rate={client.samplerate}), or "
+                f"start it with -r {self.rate:g}"
+            )
+        if self.block is not None and client.blocksize != self.block:
+            raise SinkError(
+                f"jack: the server's blocks have {client.blocksize} frames, not {self.block}: leave block out (the samples do "
+                f"not depend on it), or start it with -p {self.block}"
+            )
+        self.block = client.blocksize
+        if self.realtime and not client.realtime:
+            self._real_time.refused.append("real-time priority (jackd runs without -R)")
+        self._targets(client)
+
+    def _targets(self, client: Any) -> list[Any]:
+        """Ports that the channels are connected to."""
+        if self.connect is None:
+            return []
+        if self.connect == "system":
+            found = client.get_ports(is_audio=True, is_input=True, is_physical=True)
+            if len(found) < self.channels:
+                raise SinkError(f"jack: the server has {len(found)} physical outputs, fewer than the {self.channels} channels")
+            return found[: self.channels]
+        if len(self.connect) != self.channels:
+            raise BadValue(f"connect names {len(self.connect)} ports for {self.channels} channels")
+        for name in self.connect:
+            if not [p for p in client.get_ports(is_audio=True, is_input=True) if p.name == name]:
+                raise SinkError(f"jack: there is no input port {name!r}")
+        return list(self.connect)
+
+    def _port_names(self) -> list[str]:
+        names: list[str] = []
+        for channel, i in enumerate(self.map):
+            name = self.proc.outputs[i] if i >= 0 else f"silent_{channel + 1}"
+            names.append(name if name not in names else f"{name}_{channel + 1}")
+        return names
+
+    def _take_callback(self, jack: ModuleType, client: Any, outs: list[Any], ins: list[Any]) -> None:
+        pump = self.pump
+        lib, ffi = jack._lib, jack._ffi
+
+        def address(v: Any) -> int:
+            return int(ffi.cast("uintptr_t", v))
+
+        pump.buffers("PORTS")[:] = [address(p._ptr) for p in outs]
+        if ins:
+            pump.buffers("IN_PORTS")[:] = [address(p._ptr) for p in ins]
+        pump.write("CLIENT", address(client._ptr))
+        for word, f in (
+            ("GET_BUFFER", "port_get_buffer"),
+            ("FRAME_TIME", "last_frame_time"),
+            ("PORT_CONNECTED", "port_connected"),
+        ):
+            pump.write(word, address(getattr(lib, f"jack_{f}")))
+        user = ffi.cast("void*", pump.context)
+        if self.compiled:
+            try:
+                process = ffi.cast("JackProcessCallback", pump.callback("jack"))
+                wheel = ffi.cast("JackFreewheelCallback", pump.callback("jack_freewheel"))
+                done = lib.jack_set_process_callback(client._ptr, process, user)
+                done = done or lib.jack_set_freewheel_callback(client._ptr, wheel, user)
+                if done == 0:
+                    return
+            except (AttributeError, TypeError, ffi.error):
+                pass
+            warnings.warn(
+                "this version of JACK-Client takes no compiled callback: Python runs in JACK's callback, and the stream will stutter "
+                f"while Python is busy; {INSTALL}",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+        client.set_process_callback(lambda n: pump.native.jack_from_python(pump.words, n) and None)
+        client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
+
+    def freewheel(self, on: bool) -> None:
+        """Run the server as fast as it goes, or at its pace again; nothing is lost then, and nothing is heard."""
+        self.check()
+        self._client.set_freewheel(on)
+
+    def _server_ended(self, status: Any, reason: str) -> None:
+        if not self._closed:
+            self._fail(SinkError(f"jack: the server has ended ({reason or 'no reason given'}): no fade-out was possible"))
+
+    def _close(self) -> None:
+        client, self._client = self._client, None
+        if client is None:
+            return
+        if not self._gone_device():
+            client.deactivate()
+        client.close()
+
+    def _latency(self) -> float:
+        if self._client is None or self._gone_device():
+            return 0.0
+        try:
+            ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range  # JACK-Client has no name for it
+        except (AttributeError, OSError):
+            return 0.0
+        most = 0
+        for port in self.pump.buffers("PORTS").tolist():
+            range_ = (ctypes.c_uint32 * 2)()
+            ask(ctypes.c_void_p(port), 1, range_)  # JackPlaybackLatency
+            most = max(most, range_[1])
+        return most / self.rate
+
+
+def _quiet(message: str) -> None:
+    """libjack says again what its results and callbacks tell already."""
