@@ -223,8 +223,11 @@ def render_(
 
 @app.command("verify")
 def verify_(
-    scene: Annotated[str, SCENE],
-    wav: Annotated[Path, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)],
+    scene: Annotated[str | None, SCENE] = None,
+    wav: Annotated[Path | None, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
+    ] = None,
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
@@ -232,29 +235,78 @@ def verify_(
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
 ):
-    """Prove that a file is what the scene and the motion say.  Exit status 1 when a check fails.
+    """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
-    Motions that were generated are read from the file's sidecar; a recording must be named again, as it was rendered.
+    Motions that were generated are read from the file's sidecar; a recording must be named again, as it was rendered. A log
+    has the motion, and the scene; if SCENE is given, it must be that one.
 
     [bold]stimlib verify squeeze --wav squeeze.wav --report squeeze.html[/]
+
+    [bold]stimlib verify --log monday.stimlog[/]
     """
     with _friendly():
-        from .checks.verify import verify
-        from .devices import file
-        from .devices.motion import parse_motion
+        if log is not None:
+            if wav is not None or motion:
+                raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
+            from .checks.session import verify_log
+            from .devices.log import read_log
 
-        made = scene_of(scene)
-        if motion:
-            motions, _ = _motions(made, motion, map_, where, reports, max_speed)
+            result = verify_log(read_log(log), None if scene is None else scene_of(scene))
         else:
-            motions = {name: parse_motion(text) for name, text in file.read(wav)[1]["motion"].items()}
-        result = verify(made, motions, wav)
+            if scene is None or wav is None:
+                raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
+            from .checks.verify import verify
+            from .devices import file
+            from .devices.motion import parse_motion
+
+            made = scene_of(scene)
+            if motion:
+                motions, _ = _motions(made, motion, map_, where, reports, max_speed)
+            else:
+                motions = {name: parse_motion(text) for name, text in file.read(wav)[1]["motion"].items()}
+            result = verify(made, motions, wav)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
             print(f"report: {report}")
     if not result.passed:
         raise typer.Exit(1)
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(help="The log of a session, NAME.stimlog.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
+    ] = None,
+):
+    """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
+
+    [bold]stimlib replay monday.stimlog --out monday.wav[/]
+    """
+    with _friendly():
+        from .devices.log import read_log
+        from .devices.log import replay as replay_log
+
+        result = replay_log(read_log(log), out)
+        print(result)
+    if not result.matches:
+        raise typer.Exit(1)
+
+
+@app.command()
+def recover(
+    file: Annotated[Path, typer.Argument(help="The file that was to be written, without .part.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Where to write it instead, with the same suffix.", show_default=False)] = None,
+):
+    """Make a file of what a run of [bold]stimlib render[/] left when it was killed.
+
+    [bold]stimlib recover squeeze.wav[/]
+    """
+    with _friendly():
+        from .devices.file import recover as recover_file
+
+        print(recover_file(file, out))
 
 
 @app.command("render-set")

@@ -13,7 +13,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module, metadata
@@ -171,7 +171,7 @@ def write(
     path = Path(path)
     frames = frames_of(seconds, proc.fs)
     format, subtype = _format(path, format, subtype)
-    _check_format(format, subtype, proc, frames)
+    _check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
     scales = _full_scales(full_scale, proc, format)
     if isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1:
@@ -202,16 +202,76 @@ def write(
         "scene_hash": proc.scene.hash,
     }
     step = min(int(block), max(1, int(PIECE * proc.fs)))
+
+    def run() -> tuple[NDArray[np.int64], Array, str]:
+        return _run(path, proc, sources, frames, format, subtype, scales, step, progress)
+
+    return _whole(path, info, run)
+
+
+def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]) -> FileReport:
+    """Write frames as they are, such as those that a device was given, with the laws of `write`.
+
+    Parameters
+    ----------
+    path : path
+        With a suffix of a format that holds floats.
+    blocks : iterable of ndarray of float32, shape (n, channels)
+    info : dict
+        The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it is completed here.
+
+    Returns
+    -------
+    FileReport
+
+    Raises
+    ------
+    SinkError
+        As `write`.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> info = {"fs": 8000.0, "frames": 2, "channels": [{"name": "force", "unit": "N", "full_scale": 50.0}]}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = write_frames(folder + "/a.wav", [np.float32([[0.5], [1.0]])], info)
+    ...     read(folder + "/a.wav")[0]
+    array([[25., 50.]])
+    """
+    path = Path(path)
+    format, subtype = _format(path, None, "FLOAT")
+    fs, frames, names = info["fs"], info["frames"], [c["name"] for c in info["channels"]]
+    _check_format(format, subtype, fs, len(names), frames)
+    _check_place(path, _sidecar(path), True)
+    info = {"format": format, "subtype": subtype} | info
+    scales = np.array([c["full_scale"] for c in info["channels"]])
+
+    def run() -> tuple[NDArray[np.int64], Array, None]:
+        at, done, peak = _part(path), 0, np.zeros(len(names))
+        last: NDArray[Any] = np.empty((0, len(names)), np.float32)
+        with _audio(path, at, int(fs), len(names), format, subtype) as f:
+            for last in blocks:
+                done += len(last)
+                _put(f, path, at, last, done)
+                peak = np.maximum(peak, np.abs(last).max(axis=0, initial=0.0) * scales)
+        _check_end(path, at, frames, last)
+        return np.zeros(len(names), dtype=np.int64), peak, None
+
+    return _whole(path, info, run)
+
+
+def _whole(path: Path, info: dict[str, Any], run: Callable[[], tuple[NDArray[np.int64], Array, str | None]]) -> FileReport:
+    """Let run write NAME.part, and put it and its sidecar to their places, or nothing."""
     part = _part(path)
     try:
         with _locked(path) as begun:
             _remove(_new(path), _part(_sidecar(path)))  # of a run that was killed
             with _disk(path, begun):
                 begun.write_bytes(_text(info))
-            clips, peak, info["sha256"] = _run(path, proc, sources, frames, format, subtype, scales, step, progress)
+            clips, peak, info["sha256"] = run()
             for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}
-            if format in JOURNAL:
+            if info["format"] in JOURNAL:
                 _copy(part, path, info)
             _move(path, info)
             _remove(part, begun)
@@ -432,9 +492,8 @@ def _format(path: Path, format: str | None, subtype: str | None) -> tuple[str, s
     return name, sub
 
 
-def _check_format(format: str, subtype: str, proc: Processor, frames: int) -> None:
-    """The processor's rate, outputs and duration fit the format."""
-    fs, channels = proc.fs, len(proc.outputs)
+def _check_format(format: str, subtype: str, fs: float, channels: int, frames: int) -> None:
+    """Rate, channels and duration fit the format."""
     if not (fs.is_integer() and 1 <= fs < 2**31):
         raise SinkError(f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz")
     if format == "FLAC" and fs > 65535 and (fs > 655350 or fs % 10):

@@ -599,10 +599,10 @@ def test_wav_beyond_4_gib_is_refused_at_once(tmp_path):
     assert "WAV holds at most 4 GiB, this needs 4.29 GiB: write .rf64, .w64 or .caf" in str(info.value)
     assert proc.index == 0
     most = file.MAX_WAV // 64
-    file._check_format("WAV", "DOUBLE", proc, most)
-    file._check_format("RF64", "DOUBLE", proc, most + 1)
+    file._check_format("WAV", "DOUBLE", 48000.0, 8, most)
+    file._check_format("RF64", "DOUBLE", 48000.0, 8, most + 1)
     with pytest.raises(SinkError):
-        file._check_format("WAV", "DOUBLE", proc, most + 1)
+        file._check_format("WAV", "DOUBLE", 48000.0, 8, most + 1)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,132 @@
+"""Is what a session delivered what its log says, and is that what the model says?"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+
+from ..devices.log import Hashes, Log, blocks, changed_motion, delivered, motion_of, processor
+from ..devices.safety import protect, to_device
+from ..errors import BadValue, SinkError
+from ..graph import Input
+from ..scene import Scene
+from .report import Report
+from .verify import Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
+
+
+def verify_log(log: Log, scene: Scene | None = None) -> Report:
+    """Prove the delivered samples of a session from its log.
+
+    The scene is run again on the logged motion, with the live numbers set where they were. Its samples are verified like those
+    of a rendering: blocks, noise, limits, and the law of the scene as long as no live number of it was changed. Passed through
+    a safety stage of their own they must be the delivered samples in every bit, and these must have the logged hashes.
+
+    Parameters
+    ----------
+    log : Log
+        Of ``stimlib.devices.log.read_log``.
+    scene : Scene, optional
+        What is expected to have been played.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    BadValue
+        Another scene was played.
+    SinkError
+        The log has no delivered sample, or its scene cannot be compiled.
+    """
+    if scene is not None and scene.hash != log.scene.hash:
+        raise BadValue(f"{log.folder} is a session of another scene (hash {log.scene.hash[:12]}, this one {scene.hash[:12]})")
+    if not log.frames or not log.spans:
+        raise SinkError(f"{log.folder}: nothing was delivered under a hash, so there is nothing to verify")
+    e = _evidence(log)
+    law, cut = _until_a_change(e, log)
+    checks = [*_delivered(e, log), *_lti(e), *_same_samples(e), *_generator(e), *_noise(e)]
+    if cut:
+        checks += _scene_law(law)
+    checks += _limits(e)
+    e.skipped += log.notes
+    if log.lost:
+        lost = sum(n for _, n in log.lost)
+        e.skipped.append(
+            f"{lost} samples in {len(log.lost)} stretches were lost, so nobody felt them; the first at {log.lost[0][0]}"
+        )
+    return Report(checks, e)
+
+
+def _evidence(log: Log) -> Evidence:
+    augmented, found = _with_taps(log.scene, log.fs)
+    seen = np.hstack([y for _, y in blocks(log, processor(log, augmented))])
+    shown = np.hstack([y for _, y in blocks(log, processor(log, log.scene))])
+    proc = processor(log, log.scene)
+    changes = [
+        (c.at, c.data["name"], c.data["value"], c.data["ramp"] / log.fs)
+        for c in log.changes
+        if c.data["name"] in proc.params and c.at < log.frames
+    ]
+    params = dict(proc.params) | {name: value for at, name, value, ramp in changes if _at_once(at, ramp, log.fs)}
+    x = motion_of(log, proc, 0, log.frames)
+    y, motion = seen[: len(log.outputs)].copy(), dict(zip(proc.inputs, x, strict=True))
+    e = Evidence(log.scene, proc, log.fs, log.seed, params, x, y, shown, log.folder.name, None, motion)
+    e.changes, e.session = changes, True
+    _tap(e, seen, found)
+    return e
+
+
+def _at_once(at: int, ramp: float, fs: float) -> bool:
+    """Whether a change is there from sample 0 on."""
+    return at == 0 and ramp * fs <= 1
+
+
+def _until_a_change(e: Evidence, log: Log) -> tuple[Evidence, int]:
+    """The samples that a law can be held against: up to the first change of a live number, or what is not finite."""
+    n = log.frames
+    first = next((c for c in e.changes if not _at_once(c[0], c[3], e.fs)), None)
+    strange = np.flatnonzero(~np.isfinite(e.x).all(axis=0))
+    cut = min([n, *([first[0]] if first else []), *strange[:1].tolist()])
+    if cut == n:
+        return e, n
+    why = f"{first[1]} was changed" if first and first[0] == cut else "motion was not finite"
+    e.skipped.append(f"law of the scene: held against the samples before {cut} only ({cut / e.fs:.6g} s), where {why}")
+    taps = [dc.replace(t, gated=t.gated[:cut], gate=t.gate[:cut]) for t in e.taps]
+    x, y, shown = (np.ascontiguousarray(a[:, :cut]) for a in (e.x, e.y, e.shown))
+    return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}), cut
+
+
+def _delivered(e: Evidence, log: Log) -> list[Check]:
+    """What the device got, in three steps: accounted for, equal to the replay, equal to the verified samples made safe."""
+    names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
+    inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
+    stage = protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety)
+    fed = dc.replace(log, motion=e.shown.T, inputs=tuple(names))
+    safe, scales = blocks(fed, processor(fed, stage)), log.safety.scales(log.outputs)
+    hashes, differ, end, queue = Hashes(log.spans), 0, 0, np.empty((0, len(log.channels)), np.float32)
+    for at, frames, given in delivered(log):
+        while len(queue) < len(frames):
+            queue = np.vstack([queue, to_device(next(safe)[1], scales, log.channels)])
+        differ += int(np.sum(queue[: len(frames)].view(np.uint32) != frames.view(np.uint32)))
+        queue = queue[len(frames) :]
+        if given:
+            hashes.add(at, frames)
+        end = at + len(frames)
+    missing = log.logged - end
+    wrong = len(hashes.wrong) + len(log.spans) - hashes.done
+    first = f", the first of frames {hashes.wrong[0][0]} to {hashes.wrong[0][1]}" if hashes.wrong else ""
+    changed, rows = len(changed_motion(log)), len(log.motion_spans)
+    checks = [
+        Check("b", "log: delivered = replay", wrong, 0, f"hashes that differ, of {len(log.spans)}{first}"),
+        Check("b", "log: replay = these samples made safe", differ, 0, "delivered samples whose bits differ"),
+        Check("b", "log: motion as it was written", changed, 0, f"hashes that differ, of {rows}"),
+        Check("b", "log: all samples are there", missing, 0, "samples produced, and not in the log"),
+    ]
+    said = log.report or {}
+    if all(isinstance(said.get(what), int) for what in ("delivered", "lost")):
+        lost = sum(n for _, n in log.lost)
+        apart = abs(said["lost"] - lost) + abs(said["delivered"] - (end - lost))
+        checks.append(Check("b", "log: delivered and lost as reported", apart, 0, f"{end - lost} delivered, {lost} lost"))
+    return checks

@@ -1,0 +1,539 @@
+"""The log of a session: what it holds replays to the delivered samples, bit for bit, and nothing in it is trusted."""
+
+import dataclasses as dc
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import white_noise
+from stimlib.checks.session import verify_log
+from stimlib.devices import file
+from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
+from stimlib.devices.motion import minimum_jerk
+from stimlib.devices.safety import GAIN, Safety, protect, to_device
+from stimlib.errors import BadValue, SinkError, StimlibError
+from stimlib.scenes import squeeze
+
+FS = 8000.0
+
+
+def spring():
+    """Two outputs, one of them noisy, with a live number."""
+    force = Param("k", 1000.0, "N/m") * Input("x", "m")
+    return Scene({"force": force, "noisy": force + constant(2.0, "N") * white_noise(seed=3)})
+
+
+def play(folder, scene, safety, x, *, sets=(), lost=(), channels=None, seed=5, params=None, blocks=None, ahead=False, **how):
+    """What a sink does, in odd blocks; sets (index, name, value, ramp in samples), lost (index, frames). The frames delivered."""
+    n = x.shape[1]
+    proc = stimlib.compile(protect(scene, safety), FS, seed=seed)
+    head = header(scene, safety, FS, seed=seed, params=params, channels=channels, device="by hand", block=64)
+    numbers = [-1 if c is None else proc.outputs.index(c) for c in head["channels"]]
+    for name, value in (params or {}).items():
+        proc.set(name, value, ramp=0.0)
+    proc.process(np.zeros((len(x), 0)))
+    rng = np.random.default_rng(1)
+    told = [(at, "set", {"name": name, "value": value, "ramp": ramp}) for at, name, value, ramp in sets]
+    told += [(at, "lost", {"frames": frames}) for at, frames in lost]
+    told.sort(key=lambda e: e[0])
+    gone = np.zeros(n, bool)
+    for at, frames in lost:
+        gone[at : at + frames] = True
+    edges = sorted({0, n, *(e[0] for e in told), *(a + f for a, f in lost)})
+    given, at = [], 0
+    with LogWriter(folder, head, record=how.get("record", False)) as log:
+        if ahead:
+            for i, _, data in [e for e in told if e[1] == "lost"]:
+                log.event(i, "lost", **data)
+        while at < n:
+            for i, kind, data in told:
+                if i == at and kind == "set":
+                    proc.set(data["name"], data["value"], data["ramp"] / FS)
+                if i == at and not (ahead and kind == "lost"):
+                    log.event(i, kind, **data)
+            stop = min([e for e in edges if e > at] + [at + int(rng.choice([1, 7, 64, 100, 1000] if blocks is None else blocks))])
+            log.motion(np.ascontiguousarray(x[:, at:stop]))
+            frames = to_device(proc.process(np.ascontiguousarray(x[:, at:stop])), safety.scales(proc.outputs), numbers)
+            if not gone[at]:
+                log.delivered(frames)
+                given.append(frames)
+            at = stop
+        if how.get("report", True):
+            missing = int(gone.sum())
+            log.close({"produced": n, "delivered": n - missing, "lost": missing})
+    return np.concatenate(given)
+
+
+def motion(n, inputs=1):
+    t = np.arange(n) / FS
+    return np.stack([0.02 * np.sin(2 * np.pi * (3 + i) * t) for i in range(inputs)])
+
+
+SAFETY = Safety(full_scale=16.0, slew=4000.0)
+SETS = [(0, GAIN, 1.0, 160), (777, "k", 1500.0, 333), (900, "k", 300.0, 1), (5003, "k", 800.0, 160), (7800, GAIN, 0.0, 160)]
+LOST = [(1200, 77), (2001, 500), (3999, 1), (7999, 1)]
+
+
+@pytest.fixture
+def session(tmp_path):
+    folder = tmp_path / "a.stimlog"
+    frames = play(folder, spring(), SAFETY, motion(8000), sets=SETS, lost=LOST, channels=["noisy", None, "force", "noisy"])
+    return folder, frames
+
+
+# -- replay
+
+
+def test_a_session_with_changes_and_losses_replays(session, tmp_path):
+    folder, frames = session
+    log = read_log(folder)
+    assert (log.frames, log.logged, log.lost, log.channels) == (8000, 8000, LOST, (1, -1, 0, 1))
+    assert log.motion.shape == (8000, 1) and np.array_equal(log.motion.T, motion(8000)) and log.notes == []
+    assert [(e.at, *e.data.values()) for e in log.changes] == SETS
+    for block in (1, 17, 64, 8192):
+        found = replay(log, tmp_path / f"{block}.wav", block)
+        assert found.matches and found.wrong == [] and (found.frames, found.lost) == (8000, 579)
+        assert found.spans == len(log.spans) >= 4
+        again = np.concatenate([f for _, f, given in delivered(log, block) if given])
+        assert again.tobytes() == frames.tobytes()
+    assert (tmp_path / "1.wav").read_bytes() == (tmp_path / "8192.wav").read_bytes()
+    y, sidecar = file.read(tmp_path / "17.wav")
+    assert np.array_equal(y, (frames.astype(float) * [16, 1, 16, 16]).T)
+    assert [c["name"] for c in sidecar["channels"]] == ["noisy", "channel1", "force", "noisy"]
+    assert sidecar["lost"] == [{"at": a, "frames": n} for a, n in LOST] and np.abs(frames).max() == 1.0
+    at = [a for a, f, given in delivered(log, 100) if given and len(f)]
+    assert at == sorted(at)
+    hidden = [(a, len(f)) for a, f, given in delivered(log, 100) if not given]
+    assert sum(n for _, n in hidden) == 579 and all(any(b <= a < b + n for b, n in LOST) for a, _ in hidden)
+
+
+def test_the_log_says_what_was_delivered_whatever_the_block(tmp_path):
+    texts = []
+    for i, blocks in enumerate(([1], [64], [5000], None)):
+        folder = tmp_path / f"{i}.stimlog"
+        play(folder, spring(), SAFETY, motion(5000), sets=SETS[:3], lost=LOST[:2], blocks=blocks, ahead=i == 2)
+        texts.append({p.name: p.read_bytes() for p in folder.iterdir()})
+        lines = texts[-1]["events.jsonl"].splitlines()
+        texts[-1]["events.jsonl"] = b"\n".join(sorted(lines, key=lambda s: (json.loads(s)["at"], s)))
+    assert all(t == texts[0] for t in texts)
+    spans = read_log(tmp_path / "0.stimlog").spans
+    assert max(s.to - s.at for s in spans) <= 2000  # a quarter of a second
+    assert all(s.to % 2000 == 0 or s.to in (1200, 2001, 5000) for s in spans)
+
+
+def test_hashes_are_of_the_float32_frames(tmp_path):
+    frames = play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1])
+    spans = read_log(tmp_path / "a").spans
+    assert [(s.at, s.to) for s in spans] == [(0, 2000), (2000, 3000)]
+    assert [s.sha256 for s in spans] == [hashlib.sha256(frames[a:b].astype("<f4").tobytes()).hexdigest() for a, b, _ in spans]
+
+
+def test_start_numbers_that_differ(tmp_path):
+    play(tmp_path / "a", spring(), SAFETY, motion(2000), sets=[(0, GAIN, 1.0, 160)], params={"k": 77.0})
+    log = read_log(tmp_path / "a")
+    assert log.params == {"k": 77.0} and replay(log).matches
+    other = dc.replace(log, params={})
+    assert not replay(other).matches
+
+
+def test_a_scene_without_inputs(tmp_path):
+    scene = Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
+    play(tmp_path / "a", scene, SAFETY, np.zeros((0, 3000)), sets=[(0, GAIN, 1.0, 160)], lost=[(500, 30)])
+    assert not (tmp_path / "a" / "motion.f64").exists()
+    log = read_log(tmp_path / "a")
+    assert log.frames == 3000 and replay(log).matches and verify_log(log).passed
+
+
+def test_motion_that_is_not_finite_is_kept_and_replays(tmp_path):
+    x = motion(4000)
+    x[0, 2345] = np.nan
+    x[0, 2346] = -np.inf
+    frames = play(tmp_path / "a", spring(), SAFETY, x, sets=[(0, GAIN, 1.0, 160)])
+    assert np.isfinite(frames).all()
+    log = read_log(tmp_path / "a")
+    assert np.array_equal(log.motion.T, x, equal_nan=True) and replay(log).matches
+    report = verify_log(log)
+    assert [c.name for c in report.checks if not c.passed] == ["no fault"]  # and it is told
+    assert any("before 2345 only" in text and "not finite" in text for text in report.evidence.skipped)
+
+
+def test_a_gap_ends_what_can_be_replayed(tmp_path):
+    x, scene = motion(4000), spring()
+    proc = stimlib.compile(protect(scene, SAFETY), FS, seed=5)
+    with LogWriter(tmp_path / "a", header(scene, SAFETY, FS, seed=5)) as log:
+        y = to_device(proc.process(x), SAFETY.scales(proc.outputs), [0, 1])
+        log.motion(x[:, :1000])
+        log.delivered(y[:1000])
+        log.event(1000, "gap", frames=500, delivered=True)
+        log.motion(np.ascontiguousarray(x[:, 1500:]))
+        log.delivered(y[1500:])
+        log.close({"produced": 4000})
+    log = read_log(tmp_path / "a")
+    assert (log.frames, log.logged) == (1000, 4000) and any("gap" in note for note in log.notes)
+    found = replay(log)
+    assert (found.frames, found.missing, found.wrong, found.matches) == (1000, 3000, [], False)
+
+
+def test_record_keeps_the_frames(tmp_path):
+    frames = play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], record=True)
+    import soundfile
+
+    got, fs = soundfile.read(tmp_path / "a" / "delivered.caf", dtype="float32")
+    assert fs == 8000 and np.array_equal(got, frames)
+
+
+# -- verify
+
+
+def test_verify_proves_a_session_of_the_squeeze(tmp_path):
+    depth = minimum_jerk(depth=0.01)
+    x = np.stack([depth(np.arange(16000) / FS), 0.5 * depth(np.arange(16000) / FS)])
+    sets = [(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160), (15840, GAIN, 0.0, 160)]
+    play(tmp_path / "a", squeeze(), Safety(full_scale=50.0, peak=40.0), x, sets=sets, lost=[(3000, 64)])
+    report = verify_log(read_log(tmp_path / "a"), squeeze())
+    assert report.passed, str(report)
+    names = {c.name for c in report.checks}
+    assert {"log: delivered = replay", "log: replay = these samples made safe", "log: delivered and lost as reported"} <= names
+    assert {"force1: vibration law", "force2: slope of force over position", "force1: gate timing"} <= names
+    skipped = "\n".join(report.evidence.skipped)
+    assert "before 12001 only (1.50012 s), where k was changed" in skipped and "64 samples in 1 stretches" in skipped
+    report.to_html(tmp_path / "a.html")
+    assert "passed" in (tmp_path / "a.html").read_text()
+
+
+def test_verify_sees_another_scene(session):
+    with pytest.raises(BadValue, match="session of another scene"):
+        verify_log(read_log(session[0]), squeeze())
+
+
+def test_verify_without_changes_holds_the_law_against_everything(tmp_path):
+    x = np.stack([minimum_jerk(depth=0.01)(np.arange(9000) / FS)])
+    sets = [(0, "k", 500.0, 1), (0, GAIN, 1.0, 160)]
+    play(tmp_path / "a", squeeze(fingers=1), Safety(full_scale=50.0), x, sets=sets)
+    report = verify_log(read_log(tmp_path / "a"))
+    assert report.passed and not any("law of the scene" in text for text in report.evidence.skipped)
+    slope = next(c for c in report.checks if "slope" in c.name)
+    assert slope.text.startswith("499.999")
+    assert report.evidence.fingers
+    report.to_html(tmp_path / "a.html")
+
+
+# -- what was tampered with is found
+
+
+def lines_of(folder):
+    return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+
+
+def rewrite(folder, events):
+    (folder / "events.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events))
+
+
+def test_a_tampered_hash_is_found(session):
+    folder, _ = session
+    events = lines_of(folder)
+    i = next(i for i, e in enumerate(events) if e["kind"] == "hash" and e["at"] > 2000)
+    digit = events[i]["sha256"][0]
+    events[i]["sha256"] = ("0" if digit != "0" else "1") + events[i]["sha256"][1:]
+    rewrite(folder, events)
+    found = replay(read_log(folder))
+    assert not found.matches and found.wrong == [(events[i]["at"], events[i]["to"])]
+    report = verify_log(read_log(folder))
+    assert [c.name for c in report.checks if not c.passed] == ["log: delivered = replay"]
+
+
+@pytest.mark.parametrize("at", [0, 1250, 1500, 4096, 7900])  # the second is in a stretch that was lost
+def test_a_tampered_byte_of_motion_is_found(session, at):
+    folder, _ = session
+    path = folder / "motion.f64"
+    data = bytearray(path.read_bytes())
+    data[8 * at + 6] ^= 0x10  # a bit of the exponent or of the leading digits
+    path.write_bytes(data)
+    found, start = replay(read_log(folder)), at // 2000 * 2000
+    assert not found.matches and found.changed == [(start, start + 2000)]
+    assert bool(found.wrong) == (at not in (0, 1250))  # nobody feels it while the gain is 0, or what was lost
+    assert "log: motion as it was written" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
+
+
+def test_a_changed_number_or_ramp_is_found(tmp_path):
+    folder = tmp_path / "a"
+    play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)  # no limit hides what was changed
+    clean = lines_of(folder)
+    for i in [i for i, e in enumerate(clean) if e["kind"] == "set"]:
+        for what, value in (
+            ("value", clean[i]["value"] * (1 + 1e-7) + 1e-7),
+            ("ramp", clean[i]["ramp"] + 1),
+            ("at", clean[i]["at"] + 1),
+        ):
+            events = [dict(e) for e in clean]
+            events[i][what] = value
+            rewrite(folder, events)
+            assert not replay(read_log(folder)).matches, (i, what)
+
+
+def test_other_changes_are_found(session):
+    folder, _ = session
+    clean, head = lines_of(folder), json.loads((folder / "session.json").read_text())
+    rewrite(folder, [e for e in clean if e["at"] < 6000])  # the report knows better
+    found = replay(read_log(folder))
+    assert not found.matches and found.missing == 2000 and "6000" in str(found)
+    rewrite(folder, clean[:8] + clean[9:] if clean[8]["kind"] == "hash" else clean)
+    losses = [i for i, e in enumerate(clean) if e["kind"] in ("lost", "hash")]
+    for i in losses[:-1]:
+        rewrite(folder, clean[:i] + clean[i + 1 :])
+        with pytest.raises(SinkError, match="lines are missing or moved"):
+            read_log(folder)
+    rewrite(folder, clean)
+    assert replay(read_log(folder)).matches
+    (folder / "session.json").write_text(json.dumps(head | {"seed": head["seed"] + 1}))
+    assert not replay(read_log(folder)).matches
+    block = next(b for b in head["scene"]["blocks"] if b["class"] == "Param")
+    block["fields"]["value"] = 999.0
+    (folder / "session.json").write_text(json.dumps(head))
+    with pytest.raises(SinkError, match="scene_hash is not that of the scene"):
+        read_log(folder)
+
+
+def test_motion_that_is_too_short_is_told(session):
+    folder, _ = session
+    os.truncate(folder / "motion.f64", 8 * 5000 + 3)
+    log = read_log(folder)
+    assert log.frames == 5000 and log.logged == 8000
+    assert any("cut short" in n for n in log.notes) and any("motion ends at sample 5000" in n for n in log.notes)
+    found = replay(log)
+    assert found.wrong == [] and found.missing == 3000 and not found.matches
+    assert not verify_log(log).passed
+
+
+# -- a killed session
+
+
+def test_every_cut_of_a_log_reads_and_replays_to_its_end(tmp_path):
+    folder = tmp_path / "a"
+    play(folder, spring(), SAFETY, motion(6000), sets=SETS[:3], lost=LOST[:2], report=False)
+    events, x = (folder / "events.jsonl").read_bytes(), (folder / "motion.f64").read_bytes()
+    seen = set()
+    for cut in range(0, len(events) + 1, 13):
+        (folder / "events.jsonl").write_bytes(events[:cut])
+        log = read_log(folder)
+        assert "no report" in " ".join(log.notes)
+        if cut % 11 == 0 or log.frames not in seen:
+            found = replay(log)
+            assert found.matches and found.frames == log.frames
+            seen.add(log.frames)
+    assert seen >= {0, 1200, 1277, 2000, 2001, 2501, 4000}
+    for cut in range(0, len(x), 4001):
+        (folder / "motion.f64").write_bytes(x[:cut])
+        found = replay(read_log(folder))
+        assert found.wrong == [] and found.frames == min(cut // 8, log.frames)
+
+
+# -- the writer
+
+
+def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
+    good = header(spring(), SAFETY, FS)
+    for change, says in [
+        ({"scene_hash": "0" * 64}, "scene_hash"),
+        ({"channels": ["nothing"]}, "channels must be names of outputs"),
+        ({"channels": []}, "1 to 1024"),
+        ({"inputs": ["y"]}, "inputs must be of x"),
+        ({"fs": float("nan")}, "fs must be"),
+        ({"safety": {"full_scale": -1}}, "above 0"),
+        ({"safety": {"surprise": 1}}, "safety cannot be used"),
+        ({"params": {"q": 1.0}}, "no live number 'q'"),
+        ({"params": {"k": float("inf")}}, "finite"),
+    ]:
+        with pytest.raises(BadValue, match=says):
+            LogWriter(tmp_path / "a", good | change)
+    assert not (tmp_path / "a").exists()
+    with LogWriter(tmp_path / "a", good) as log:
+        log.delivered(np.zeros((10, 2), np.float32))
+        for call in [
+            lambda: log.motion(np.zeros((2, 5))),
+            lambda: log.motion(np.zeros((1, 5), np.float32)),
+            lambda: log.delivered(np.zeros((5, 3), np.float32)),
+            lambda: log.delivered(np.zeros((5, 2))),
+            lambda: log.event(9, "lost", frames=3),
+            lambda: log.event(10, "lost", frames=-3),
+            lambda: log.event(10, "lost"),
+            lambda: log.event(-1, "stop"),
+            lambda: log.event(1.5, "stop"),
+            lambda: log.event(3, "hash"),
+            lambda: log.event(3, "note", value=float("nan")),
+            lambda: log.event(3, "note", value=object()),
+        ]:
+            with pytest.raises(BadValue):
+                call()
+        log.event(np.int64(10), "note", value=np.float64(3), n=np.int32(4))
+    with pytest.raises(SinkError, match="is closed"):
+        log.event(3, "note")
+    log.close()
+    assert [e.kind for e in read_log(tmp_path / "a").events] == ["note", "hash"]
+    with pytest.raises(SinkError, match="there already and not empty"):
+        LogWriter(tmp_path / "a", good)
+    with pytest.raises(SinkError, match="cannot make the log"):
+        LogWriter(tmp_path / "none" / "a", good)
+
+
+def test_a_full_disk_is_told_and_the_log_stays_readable():
+    folder = Path(tempfile.mkdtemp())
+    try:
+        command = ["mount", "-t", "tmpfs", "-o", "size=256k", "none", str(folder)]
+        if not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("a small file system cannot be mounted here")
+        try:
+            log = LogWriter(folder / "a", header(spring(), SAFETY, FS, seed=5))
+            proc, x = stimlib.compile(protect(spring(), SAFETY), FS, seed=5), motion(640)
+            with pytest.raises(SinkError, match="No space left on device") as first:
+                for _ in range(1000):
+                    log.motion(x)
+                    log.delivered(to_device(proc.process(x), SAFETY.scales(proc.outputs), [0, 1]))
+            with pytest.raises(SinkError) as again:
+                log.event(0, "stop")
+            assert again.value is first.value
+            log.close({"produced": 1})  # quietly
+            found = replay(read_log(folder / "a"))
+            assert found.matches and found.frames > 10000
+            log = None
+        finally:
+            subprocess.run(["umount", str(folder)], check=True)
+    finally:
+        folder.rmdir()
+
+
+# -- files from others are data
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs") / "a"
+    play(folder, spring(), SAFETY, motion(300), sets=SETS[:1], lost=[(100, 10)])
+    return folder, {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+PLAIN = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+ODD = st.sampled_from([10**400, -(2**63), 1e308, "../../x", "k"])
+KEYS = st.sampled_from(["at", "to", "x", "full_scale"])
+JUNK = st.recursive(PLAIN | ODD, lambda v: st.lists(v, max_size=3) | st.dictionaries(KEYS, v, max_size=3), max_leaves=5)
+FILES = ["session.json", "events.jsonl", "motion.f64", "report.json"]
+
+
+def read_or_refuse(folder):
+    """A log is read, or refused by a typed error in one line that names the folder."""
+    try:
+        log = read_log(folder)
+        if log.frames < 10000:
+            replay(log)
+    except StimlibError as e:
+        assert str(folder) in str(e) and len(str(e)) < 1000
+        return False
+    return True
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_fuzzed_header(small, data):
+    folder, files = small
+    head = json.loads(files["session.json"])
+    where = head
+    for _ in range(data.draw(st.integers(0, 3))):
+        items = where.items() if isinstance(where, dict) else enumerate(where)
+        inner = [k for k, v in items if isinstance(v, dict | list) and v]
+        if inner:
+            where = where[data.draw(st.sampled_from(inner))]
+    key = data.draw(st.sampled_from(list(where) if isinstance(where, dict) else list(range(len(where)))))
+    if data.draw(st.booleans()) and isinstance(where, dict):
+        del where[key]
+    else:
+        where[key] = data.draw(JUNK)
+    try:
+        text = json.dumps(head)
+    except ValueError:  # an integer too long to print
+        return
+    (folder / "session.json").write_text(text)
+    try:
+        read_or_refuse(folder)
+    finally:
+        (folder / "session.json").write_bytes(files["session.json"])
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_fuzzed_events(small, data):
+    folder, files = small
+    events = lines_of(folder)
+    event = data.draw(st.sampled_from(events))
+    key = data.draw(st.sampled_from([*event, "kind", "frames", "more"]))
+    event[key] = data.draw(JUNK | st.sampled_from(["set", "lost", "gap", "hash", "motion"]))
+    try:
+        rewrite(folder, events)
+        read_or_refuse(folder)
+    except ValueError as e:
+        assert isinstance(e, StimlibError) or "digits" in str(e)
+    finally:
+        (folder / "events.jsonl").write_bytes(files["events.jsonl"])
+
+
+@settings(max_examples=300)
+@given(st.sampled_from(FILES), st.integers(0, 2**30), st.binary(max_size=6))
+def test_fuzzed_bytes(small, name, at, junk):
+    folder, files = small
+    data = files[name]
+    at %= len(data)
+    (folder / name).write_bytes(data[:at] + junk + data[at + len(junk) :])
+    try:
+        read_or_refuse(folder)
+    finally:
+        (folder / name).write_bytes(data)
+
+
+def test_absurd_places(small, tmp_path):
+    folder, files = small
+    for path in (tmp_path / "none", folder / "session.json", Path("/dev/null"), tmp_path):
+        with pytest.raises(SinkError):
+            read_log(path)
+    for name in FILES:
+        there = tmp_path / name
+        shutil.copytree(folder, there)
+        (there / name).unlink()
+        if name != "report.json":
+            with pytest.raises(SinkError, match=name):
+                read_log(there)
+        os.mkfifo(there / name)  # must not be waited for
+        if name == "report.json":
+            assert read_log(there).report is None
+        else:
+            with pytest.raises(SinkError, match=name):
+                read_log(there)
+    for text in (b"[" * 100_000, b'"' * 3, b"\xff\xfe", b"nan", b"[]", b""):
+        (folder / "session.json").write_bytes(text)
+        try:
+            with pytest.raises(SinkError, match="session.json"):
+                read_log(folder)
+        finally:
+            (folder / "session.json").write_bytes(files["session.json"])
+    (folder / "events.jsonl").write_bytes(b"x" * (1 << 21))
+    try:
+        with pytest.raises(SinkError, match="line 1: longer than"):
+            read_log(folder)
+    finally:
+        (folder / "events.jsonl").write_bytes(files["events.jsonl"])
+
+
+def test_import_is_light():
+    code = "import stimlib.devices.log, sys; print(sorted(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
