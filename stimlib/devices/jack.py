@@ -8,6 +8,7 @@ same, with a warning.
 from __future__ import annotations
 
 import ctypes
+import os
 import warnings
 from collections.abc import Sequence
 from types import ModuleType
@@ -107,12 +108,27 @@ class JackSink(Sink):
 
     def _no_client(self, e: Any, said: list[str]) -> SinkError:
         where = f"server {self.server!r}" if self.server else "server"
-        if e.status.name_not_unique:
+        if e.status.name_not_unique or self._is_there():
             return SinkError(f"jack: the {where} has a client {self.name!r} already: end it, or give this one another name")
-        if e.status.server_failed or e.status.server_error:
+        if e.status.server_failed:
             how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
             return SinkError(f"jack: no {where} is running: start one, such as {how}")
         return SinkError(f"jack: the {where} takes no client: {e}" + (f" ({said[-1]})" if said else ""))
+
+    def _is_there(self) -> bool:
+        """Whether the server has a client of this name (jackd says only that something went wrong)."""
+        jack = _jack()
+        try:
+            client = jack.Client(f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server)
+        except jack.JackError:
+            return False
+        try:
+            client.get_uuid_for_client_name(self.name)
+            return True
+        except jack.JackError:
+            return False
+        finally:
+            client.close()
 
     def _fits(self, client: Any) -> None:
         if client.samplerate != self.rate:
@@ -182,7 +198,7 @@ class JackSink(Sink):
             except (AttributeError, TypeError, ffi.error):
                 pass
             warnings.warn(
-                "this version of JACK-Client takes no compiled callback: Python runs in JACK's callback, and the stream will stutter "
+                "this version of JACK-Client takes no compiled callback: Python runs in JACK's callback, so the stream stutters "
                 f"while Python is busy; {INSTALL}",
                 RuntimeWarning,
                 stacklevel=4,

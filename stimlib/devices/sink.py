@@ -382,6 +382,7 @@ class Sink:
             try:
                 self.stop("close")
             finally:
+                self._last_latency = self._latency()
                 self._closed = True
                 self.pump.write("STATE", self.pump.native.CLOSED)
                 self.pump.write("WAIT", 0)
@@ -555,7 +556,6 @@ class Sink:
             for _ in range(3):
                 self._drain()
             self._tell(2**63)
-            self._last_latency = 0.0
             if self._writer is not None:
                 self._writer.close(self.report().to_dict())
         except Exception as e:  # a full disk, a log that fails
@@ -586,7 +586,7 @@ class Sink:
                 frames = frames[len(part) :]
         self._tell(self._cursor if p.read("LOG") else 2**63)
         faults = self._watch.faults()
-        for name in [n for n in faults if n not in self._gone]:
+        for name in sorted((n for n in faults if n not in self._gone), key=faults.__getitem__):
             self._gone.append(name)
             self._say(faults[name], "fault", output=name)
             guard = round(0.02 * self.rate) + 1  # its own fade comes first: two at once would be steeper

@@ -20,9 +20,10 @@ DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, BLOCKS = range(22, 29)
 # motion: where it comes from
 MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
 # rings: commands in; events, motion and frames out
-C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ, F_RING, F_WRITE, F_READ = range(44, 58)
+C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ = range(44, 55)
+F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)  # frames of a block are staged until it is known to be in time
 # the device: addresses of its buffers, floats from frame to frame; functions of the system
-OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED = range(60, 66)
+OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
 CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
 WORDS = 96
 
@@ -211,7 +212,7 @@ def judge(c, i, m, held):
 @plain
 def room(c, m):
     """1 if the log's rings take m samples more."""
-    full = c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE] or c[F_WRITE] + m - load(c, F_READ) > c[L_SIZE]
+    full = c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE] or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
     return 0 if c[LOG] != 0 and full else 1
 
 
@@ -239,14 +240,32 @@ def deliver(c, start, m, log):
                 v = y[source * m + k] / scales[source]
                 v = v if v - v == 0.0 else 0.0
                 out[(start + k) * stride] = f4(min(max(v, -1.0), 1.0))
-    c[DELIVERED] += m
+    c[STAGED] += m
     if log:
-        w = c[F_WRITE]
+        w = c[F_STAGED]
         for k in range(m):
             ring = f4_at(c[F_RING] + 4 * channels * ((w + k) % c[L_SIZE]))
             for j in range(channels):
                 ring[j] = f4_at(outs[j])[(start + k) * stride]
-        store(c, F_WRITE, w + m)
+        c[F_STAGED] = w + m
+
+
+@plain
+def commit(c):
+    """The device has taken the block."""
+    c[DELIVERED] += c[STAGED]
+    c[STAGED] = 0
+    store(c, F_WRITE, c[F_STAGED])
+
+
+@plain
+def withdraw(c):
+    """The block came too late: it is lost."""
+    n = c[STAGED]
+    if n > 0:
+        c[LOST] += n
+        event(c, i8_at(c[CONTEXT])[15] - n, LOSS, n, 0, 0)
+    c[STAGED], c[F_STAGED] = 0, c[F_WRITE]
 
 
 @njit(error_model="numpy")
@@ -292,8 +311,8 @@ def advance(c, n, keep):
 
 
 @njit(error_model="numpy")
-def pump(c, n, lost):
-    """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped."""
+def produce(c, n, lost):
+    """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped.  Then commit or withdraw."""
     start = now(c)
     done = 0
     if load(c, STATE) == RUNNING:
@@ -325,10 +344,20 @@ def pump(c, n, lost):
         c[BLOCKS] += 1
 
 
+@plain
+def pump(c, n, lost):
+    produce(c, n, lost)
+    commit(c)
+
+
 # what devices call ---------------------------------------------------------------------------------------------------
 @njit(error_model="numpy")
 def jack_block(c, n):
-    """A cycle of JACK: where its buffers are, and how many frames it has skipped since the last."""
+    """A cycle of JACK: where its buffers are, and how many frames it has skipped since the last.
+
+    A client that comes too late is called again for the cycle that has begun meanwhile, and what follows it in the graph runs
+    only once.  So a late block is withdrawn, the buffers get the samples of the cycle that is on, and they stay when it calls.
+    """
     outs, ports, ins, in_ports = i8_at(c[OUTS]), i8_at(c[PORTS]), i8_at(c[INS]), i8_at(c[IN_PORTS])
     for j in range(c[CHANNELS]):
         outs[j] = get_buffer(c[GET_BUFFER], ports[j], n)
@@ -341,8 +370,23 @@ def jack_block(c, n):
         c[CONNECTED] = connected
     t = frame_time(c[FRAME_TIME], c[CLIENT], 0)
     lost = (t - c[EXPECTED]) & 0xFFFFFFFF if c[SEEN] else 0
+    if c[SEEN] and lost == 0x100000000 - n and c[REPEATS] < 4:  # a server whose time stands still is played to all the same
+        c[REPEATS] += 1
+        return
+    c[REPEATS] = 0
+    if c[WAS] != RUNNING:
+        c[ORIGIN] = t
+    produce(c, n, lost if lost < 0x80000000 else 0)
+    before = c[UNDERRUNS]
+    late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
+    while n <= late < 0x80000000:
+        withdraw(c)
+        t += late
+        produce(c, n, late - n)
+        c[UNDERRUNS] = before + 1
+        late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
     c[EXPECTED], c[SEEN] = t + n, 1
-    pump(c, n, lost if lost < 0x80000000 else 0)
+    commit(c)
 
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")

@@ -148,12 +148,19 @@ def _capture_callback():
     from stimlib.devices.engine import _native
 
     native = _native()
-    at, f4_at, i8_at, get_buffer = native.at, native.f4_at, native.i8_at, native.get_buffer
+    f4_at, i8_at, get_buffer = native.f4_at, native.i8_at, native.get_buffer
+
+    frame_time = native.frame_time
 
     @cfunc(types.int32(types.uint32, types.CPointer(types.int64)), error_model="numpy")
-    def capture(n, c):  # 0 get_buffer, 1 ports, 2 channels, 3 frames, 4 size, 5 count
-        ports, w = i8_at(c[1]), c[5]
+    def capture(n, c):  # 0 get_buffer, 1 ports, 2 channels, 3 frames, 4 size, 5 count, 6 times, 7 frame_time, 8 client
+        ports, w, times = i8_at(c[1]), c[5], i8_at(c[6])
         if w + n <= c[4]:
+            t = frame_time(c[7], c[8], 0)
+            if w > 0 and times[w - 1] == t + n - 1:  # called again for one cycle: somebody before it was late
+                return 0
+            for k in range(n):
+                times[w + k] = t + k
             for j in range(c[2]):
                 source, to = f4_at(get_buffer(c[0], ports[j], types.int64(n))), f4_at(c[3] + 4 * (j * c[4] + w))
                 for k in range(n):
@@ -182,14 +189,20 @@ class Capture:
             return int(jack._ffi.cast("uintptr_t", v))
 
         self._addresses = np.array([address(p._ptr) for p in self.ports], np.int64)
-        get = address(jack._lib.jack_port_get_buffer)
-        self.words = np.array([get, self._addresses.ctypes.data, channels, self.data.ctypes.data, size, 0], np.int64)
+        self._times = np.zeros(size, np.int64)
+        get, time_of = address(jack._lib.jack_port_get_buffer), address(jack._lib.jack_last_frame_time)
+        pointers = [get, self._addresses.ctypes.data, channels, self.data.ctypes.data, size, 0, self._times.ctypes.data]
+        self.words = np.array([*pointers, time_of, address(client._ptr)], np.int64)
         process = jack._ffi.cast("JackProcessCallback", Capture.callback.address)
         jack._lib.jack_set_process_callback(client._ptr, process, jack._ffi.cast("void*", self.words.ctypes.data))
         client.activate()
 
     def frames(self):
         return self.data[:, : self.words[5]].T
+
+    def times(self):
+        """JACK's frame time of each captured frame."""
+        return self._times[: self.words[5]]
 
     def __enter__(self):
         return self
