@@ -22,6 +22,7 @@ from .scene import Scene
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band
+FAR = 300.0  # where a coordinate ends: exp(FAR) is a number
 
 
 # Coordinates ---------------------------------------------------------------------------------------------------------
@@ -35,15 +36,15 @@ class Range(NamedTuple):
     def value(self, u: Any, xp: Any = np) -> Any:
         """The number at the coordinate u; start at 0, rising, within low .. high for all u."""
         start, low, high = self
+        u = xp.clip(u, -FAR, FAR)
         if math.isinf(low) and math.isinf(high):
             return start + (abs(start) or 1.0) * u
         if math.isinf(high):
             return low + (start - low) * xp.exp(u)
         if math.isinf(low):
             return high - (high - start) * xp.exp(-u)
-        odds = (start - low) / (high - start)
-        half = 0.5 * (u + math.log(odds))
-        return low + (high - low) * (0.5 + 0.5 * xp.tanh(half))
+        odds = (start - low) / (high - start) * xp.exp(u)
+        return xp.clip(low + (high - low) * (odds / (1 + odds)), low, high)
 
 
 def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
@@ -229,7 +230,7 @@ class Fit:
     """Loss at the start and after each step, shape (steps + 1,)."""
     steps: int
     converged: bool
-    """Whether the last step changed no number by more than ``tol``, relatively."""
+    """Whether the last step changed no number by more than ``tol``, relatively, where the loss is flat."""
     signals: dict[str, np.ndarray]
     """Every output with ``params``, each of shape (n,)."""
     scene: Scene
@@ -314,7 +315,8 @@ def fit(
     steps : int
         The most that are made.
     tol : float
-        Relative change of every number in a step at which the search ends.
+        The search ends where a step changes every number by less than this, relatively, and the loss is flat: its slope is below
+        sqrt(tol) times that at the start, or times the loss.
     optimiser : optax.GradientTransformation, optional
         By default ``optax.lbfgs()``, with its line search.
     progress : bool
@@ -334,7 +336,8 @@ def fit(
 
     Notes
     -----
-    A search by gradients finds the minimum of the valley in which it starts.  Intervals come from the Gauss-Newton matrix and
+    A search by gradients finds the minimum of the valley in which it starts, and ends, not converged, where a line search finds
+    nothing lower.  Intervals come from the Gauss-Newton matrix and
     take errors of samples as independent and equal (with ``weight``, as weighted).  A loss on noise compares one run of it, so
     its numbers scatter as those of one recording do.
 
@@ -408,8 +411,12 @@ def fit(
 
         u = jnp.zeros(len(ranges))
         value, grad = slope(u, x)
-        _check_start(value, grad, ranges)
-        history, best, state = [float(value)], (float(value), u), opt.init(u)
+        _check_start(np.asarray(value), np.asarray(grad), ranges)
+        state = jax.tree.map(
+            lambda a: jnp.asarray(a, a.dtype), opt.init(u)
+        )  # of the types that a step gives, or it compiles twice
+        history, best = [float(value)], (float(value), u)
+        steep = float(np.abs(grad).max())
         converged = best[0] == 0
         with _bar(steps, progress) as tell:
             while len(history) <= steps and not converged:
@@ -417,12 +424,15 @@ def fit(
                 value, grad = slope(new, x)
                 history.append(float(value))
                 tell(history[-1])
-                if not (math.isfinite(history[-1]) and jnp.isfinite(grad).all()):
+                if not (math.isfinite(history[-1]) and np.isfinite(grad).all()):
                     break
                 if history[-1] <= best[0]:
                     best = (history[-1], new)
-                converged = bool(jnp.max(jnp.abs(new - u)) <= tol)
-                u = new
+                change, u = float(np.abs(np.asarray(new) - np.asarray(u)).max()), new
+                flat = float(np.abs(grad).max()) <= math.sqrt(tol) * max(steep, abs(history[-1]))
+                converged = change <= tol and (flat or abs(history[-1]) <= tol**2)
+                if change == 0:
+                    break
         least, at = best[0], np.asarray(best[1])
         J, (misses, signals) = jax.tree.map(np.asarray, ending(best[1], x))
     found = {name: float(r.value(at[i])) for i, (name, r) in enumerate(ranges.items())}
