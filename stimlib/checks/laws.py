@@ -145,7 +145,7 @@ class Finger(NamedTuple):
 
 
 def squeeze_finger(
-    x: np.ndarray, noise: np.ndarray, contact: np.ndarray, fs: float, k: float, A: float, cutoff: float, on: float, off: float
+    x: np.ndarray, noise: np.ndarray, contact: np.ndarray, fs: float, k: Any, A: Any, cutoff: float, on: float, off: float
 ) -> Finger:
     """Paper 000, eq. (2) and section 2.1, for one finger's position and (gated) noise.
 
@@ -155,7 +155,7 @@ def squeeze_finger(
         Position in m; dp/dt in 1/s, 0 while the gate is closed; contact above 0 or not.
     fs, cutoff : float
         Hz.
-    k, A : float
+    k, A : float or ndarray, shape (n,)
         Stiffness in N/m; gain times noise level.
     on, off : float
         Gate thresholds in m/s.

@@ -12,15 +12,16 @@ from ..errors import BadValue, SinkError
 from ..graph import Input
 from ..scene import Scene
 from .report import Report
-from .verify import Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
+from .verify import LIVE, Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
 
 
 def verify_log(log: Log, scene: Scene | None = None) -> Report:
     """Prove the delivered samples of a session from its log.
 
     The scene is run again on the logged motion, with the live numbers set where they were. Its samples are verified like those
-    of a rendering: blocks, noise, limits, and the law of the scene as long as no live number of it was changed. Passed through
-    a safety stage of their own they must be the delivered samples in every bit, and these must have the logged hashes.
+    of a rendering: blocks, noise, limits, and the law of the scene. A law that does not know changes of live numbers is held
+    against the samples before the first. Passed through a safety stage of their own, the samples must be those that were
+    delivered, in every bit, and these must have the logged hashes.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
     if not log.frames or not log.spans:
         raise SinkError(f"{log.folder}: nothing was delivered under a hash, so there is nothing to verify")
     e = _evidence(log)
-    law, cut = _until_a_change(e, log)
+    law, cut = _lawful(e, log)
     checks = [*_delivered(e, log), *_lti(e), *_same_samples(e), *_generator(e), *_noise(e)]
     if cut:
         checks += _scene_law(law)
@@ -54,7 +55,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
     if log.lost:
         lost = sum(n for _, n in log.lost)
         e.skipped.append(
-            f"{lost} samples in {len(log.lost)} stretches were lost, so nobody felt them; the first at {log.lost[0][0]}"
+            f"what the device did not take: {lost} samples were lost, {len(log.lost)} times, first at {log.lost[0][0]}"
         )
     return Report(checks, e)
 
@@ -64,11 +65,8 @@ def _evidence(log: Log) -> Evidence:
     seen = np.hstack([y for _, y in blocks(log, processor(log, augmented))])
     shown = np.hstack([y for _, y in blocks(log, processor(log, log.scene))])
     proc = processor(log, log.scene)
-    changes = [
-        (c.at, c.data["name"], c.data["value"], c.data["ramp"] / log.fs)
-        for c in log.changes
-        if c.data["name"] in proc.params and c.at < log.frames
-    ]
+    last = {(c.at, c.data["name"]): c.data for c in log.changes if c.data["name"] in proc.params and c.at < log.frames}
+    changes = [(at, name, d["value"], d["ramp"] / log.fs) for (at, name), d in last.items()]
     params = dict(proc.params) | {name: value for at, name, value, ramp in changes if _at_once(at, ramp, log.fs)}
     x = motion_of(log, proc, 0, log.frames)
     y, motion = seen[: len(log.outputs)].copy(), dict(zip(proc.inputs, x, strict=True))
@@ -83,10 +81,11 @@ def _at_once(at: int, ramp: float, fs: float) -> bool:
     return at == 0 and ramp * fs <= 1
 
 
-def _until_a_change(e: Evidence, log: Log) -> tuple[Evidence, int]:
-    """The samples that a law can be held against: up to the first change of a live number, or what is not finite."""
+def _lawful(e: Evidence, log: Log) -> tuple[Evidence, int]:
+    """The samples that the law can be held against: up to what is not finite, or to a change that it cannot follow."""
     n = log.frames
-    first = next((c for c in e.changes if not _at_once(c[0], c[3], e.fs)), None)
+    follows = log.scene.law in LIVE
+    first = None if follows else next((c for c in e.changes if not _at_once(c[0], c[3], e.fs)), None)
     strange = np.flatnonzero(~np.isfinite(e.x).all(axis=0))
     cut = min([n, *([first[0]] if first else []), *strange[:1].tolist()])
     if cut == n:

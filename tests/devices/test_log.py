@@ -24,7 +24,7 @@ from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.motion import minimum_jerk
 from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.errors import BadValue, SinkError, StimlibError
-from stimlib.scenes import squeeze
+from stimlib.scenes import bumps, squeeze, viscoelastic
 
 FS = 8000.0
 
@@ -200,17 +200,50 @@ def test_record_keeps_the_frames(tmp_path):
 def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     depth = minimum_jerk(depth=0.01)
     x = np.stack([depth(np.arange(16000) / FS), 0.5 * depth(np.arange(16000) / FS)])
-    sets = [(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160), (15840, GAIN, 0.0, 160)]
+    sets = [(0, GAIN, 1.0, 160), (3333, "A", 0.0, 500), (5000, "A", 2.0, 40), (12001, "k", 1500.0, 160), (15840, GAIN, 0.0, 160)]
+    sets += [(12100, "k", 900.0, 2000), (9000, "level", 1.5, 1), (9000, "level", 0.5, 1)]
     play(tmp_path / "a", squeeze(), Safety(full_scale=50.0, peak=40.0), x, sets=sets, lost=[(3000, 64)])
     report = verify_log(read_log(tmp_path / "a"), squeeze())
     assert report.passed, str(report)
     names = {c.name for c in report.checks}
     assert {"log: delivered = replay", "log: replay = these samples made safe", "log: delivered and lost as reported"} <= names
-    assert {"force1: vibration law", "force2: slope of force over position", "force1: gate timing"} <= names
+    assert {"force1: mean part is k x", "force2: vibration law", "force1: gate timing"} <= names
     skipped = "\n".join(report.evidence.skipped)
-    assert "before 12001 only (1.50012 s), where k was changed" in skipped and "64 samples in 1 stretches" in skipped
+    assert "k was changed, so the force over position has no one slope" in skipped
+    assert "64 samples were lost, 1 times, first at 3000" in skipped and "law of the scene" not in skipped
     report.to_html(tmp_path / "a.html")
     assert "passed" in (tmp_path / "a.html").read_text()
+
+
+@pytest.mark.parametrize(("what", "says"), [("value", 1501.0), ("ramp", 161), ("at", 12002)])
+def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, what, says):
+    """The law follows the live numbers of the log by itself: a processor that does something else is found."""
+    from stimlib.checks import verify
+
+    x = np.stack([minimum_jerk(depth=0.01)(np.arange(16000) / FS)])
+    play(tmp_path / "a", squeeze(fingers=1), Safety(50.0), x, sets=[(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160)])
+    log = read_log(tmp_path / "a")
+    honest = verify._live
+    wrong = {"value": (12001, "k", 1501.0, 0.02), "ramp": (12001, "k", 1500.0, 0.020125), "at": (12002, "k", 1500.0, 0.02)}
+    monkeypatch.setattr(verify, "_live", lambda e, name: honest(dc.replace(e, changes=[wrong[what]]), name))
+    failed = {c.name for c in verify_log(log).checks if not c.passed}
+    assert failed == {"force1: mean part is k x", "force1: vibration law"}
+
+
+@pytest.mark.parametrize("law", ["viscoelastic", "bumps"])
+def test_other_laws_follow_changes_or_say_so(tmp_path, law):
+    make = {"viscoelastic": viscoelastic, "bumps": bumps}[law]
+    scene = make()
+    x = np.stack([0.01 * np.arange(8000) / FS if law == "bumps" else minimum_jerk(depth=0.01)(np.arange(8000) / FS)])
+    name = "A" if law == "bumps" else "firmness"
+    sets = [(0, GAIN, 1.0, 160), (4567, name, 0.5 * scene.params[name].value, 300)]
+    play(tmp_path / "a", scene, Safety(full_scale=1000.0), x, sets=sets)
+    report = verify_log(read_log(tmp_path / "a"))
+    assert report.passed, str(report)
+    skipped = "\n".join(report.evidence.skipped)
+    assert ("before 4567 only (0.570875 s), where A was changed" in skipped) == (law == "bumps")
+    assert any(c.group == "d" for c in report.checks)
+    report.to_html(tmp_path / "a.html")
 
 
 def test_verify_sees_another_scene(session):
