@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test lint docs bench clean
+.PHONY: demo test stress soak lint docs bench clean
 
 .venv/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -26,13 +26,25 @@ lint: .venv/ready
 	$(BIN)/mypy
 
 test: lint
+	@sh tests/devices/install.sh
 	$(ENV) $(BIN)/python -m pytest -q -n 2
+
+# Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
+stress: .venv/ready
+	@sh tests/devices/install.sh
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices
+
+# Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.
+soak: .venv/ready
+	@sh tests/devices/install.sh
+	$(ENV) PYTHONPATH=tests $(BIN)/python tests/stress/soak.py
 
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
 bench: .venv/ready
 	$(ENV) $(BIN)/python benchmarks/chain.py
+	$(ENV) PYTHONPATH=tests $(BIN)/python benchmarks/streaming.py
 
 clean:
 	rm -rf .venv demo docs/_build

@@ -262,17 +262,24 @@ def commit(c):
 def withdraw(c):
     """The block came too late: it is lost."""
     n = c[STAGED]
-    if n > 0:
-        c[LOST] += n
-        event(c, i8_at(c[CONTEXT])[15] - n, LOSS, n, 0, 0)
+    c[LOST] += n
+    if c[LOG] == 0 or c[F_STAGED] > c[F_WRITE]:  # else it is in a gap already
+        lose(c, i8_at(c[CONTEXT])[15], n)
     c[STAGED], c[F_STAGED] = 0, c[F_WRITE]
+
+
+@plain
+def lose(c, i, n):
+    """The n samples before i were discarded."""
+    if n > 0:
+        event(c, i - n, LOSS, n, 0, 0)
 
 
 @njit(error_model="numpy")
 def advance(c, n, keep):
     """Run up to n samples, delivered or (keep = 0) discarded; returns how many there were before the end."""
     program = i8_at(c[CONTEXT])
-    done = 0
+    done = gone = 0  # gone: discarded since the last event
     while done < n:
         i = program[15]
         commands(c, i)
@@ -293,6 +300,8 @@ def advance(c, n, keep):
         log = c[LOG] != 0 and room(c, m) == 1
         if c[LOG] != 0 and not log:
             c[UNLOGGED] += m
+            lose(c, i, gone)
+            gone = 0
             event(c, i, GAP, m, keep, 0)
         held = fill(c, i, m, done if keep else -1)
         judge(c, i, m, held)
@@ -307,6 +316,8 @@ def advance(c, n, keep):
                     ring[a] = x[a * m + k]
             store(c, X_WRITE, w + m)
         done += m
+        gone += m if not keep and (log or c[LOG] == 0) else 0
+    lose(c, program[15], gone)
     return done
 
 
@@ -317,12 +328,9 @@ def produce(c, n, lost):
     done = 0
     if load(c, STATE) == RUNNING:
         if lost > 0 and c[WAS] == RUNNING:
-            i = i8_at(c[CONTEXT])[15]
             gone = advance(c, lost, 0)
-            if gone > 0:
-                c[LOST] += gone
-                c[UNDERRUNS] += 1
-                event(c, i, LOSS, gone, 0, 0)
+            c[LOST] += gone
+            c[UNDERRUNS] += gone > 0
         c[WAS] = RUNNING
         if load(c, STATE) == RUNNING:
             done = advance(c, n, 1)

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import threading
 import time
 
 import numpy as np
@@ -106,7 +107,7 @@ class Jackd:
         self.name = f"stimlib{os.getpid()}_{Jackd.count}"
         self.rate, self.block = rate, block
         self._out = tempfile.TemporaryFile("w+")
-        text = f"jackd -n {self.name} -r {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
+        text = f"jackd -n {self.name} -r -p 128 {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
         env = os.environ | {"JACK_NO_AUDIO_RESERVATION": "1"}
         self.process = subprocess.Popen(text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env)
 
@@ -200,6 +201,11 @@ class Capture:
     def frames(self):
         return self.data[:, : self.words[5]].T
 
+    def touch(self):
+        """Have all memory now."""
+        self.data += 0
+        self._times += 0
+
     def times(self):
         """JACK's frame time of each captured frame."""
         return self._times[: self.words[5]]
@@ -221,3 +227,30 @@ def aligned(captured, expected):
     got = captured[start - first :][: len(expected)] if start >= first else captured[:0]
     assert got.shape == expected.shape, f"{len(got)} frames of {len(expected)} were captured"
     return got
+
+
+def hog(over):
+    """A thread that keeps the interpreter to itself for some 20 ms at a time, as long calls into C do."""
+    while not over.is_set():
+        sum(range(1_000_000))
+
+
+def busy(server, compiled, seconds=3.0):
+    """Report of a session in real time while another thread holds the interpreter."""
+    from stimlib.devices.jack import JackSink
+    from stimlib.devices.motion import minimum_jerk
+    from stimlib.scenes import squeeze
+
+    hand = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
+    over = threading.Event()
+    thread = threading.Thread(target=hog, args=(over,))
+    with JackSink(squeeze(), 50.0, motion=hand, server=server.name, realtime=False, compiled=compiled) as sink:
+        sink.open(server.rate)
+        thread.start()
+        try:
+            sink.start(seconds)
+            sink.wait(seconds + 20)
+        finally:
+            over.set()
+            thread.join()
+    return sink.report()

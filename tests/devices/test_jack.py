@@ -4,6 +4,7 @@ import itertools
 import json
 import os
 import signal
+import statistics
 import subprocess
 import sys
 import textwrap
@@ -12,7 +13,7 @@ import warnings
 
 import numpy as np
 import pytest
-from devices.servers import Capture, Jackd, Seen, aligned, kept, needs_jack, offline, replayed, textured
+from devices.servers import Capture, Jackd, Seen, aligned, busy, kept, needs_jack, offline, replayed, textured
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
@@ -186,6 +187,26 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
     first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
     gaps = np.diff(times[first : last + 1]) - 1
     assert report["lost"] <= gaps.sum() <= report["lost"] + 10 * 64, "what is missing is what was told, or the capture's own"
+
+
+def test_a_session_replays_from_its_log(server, tmp_path):
+    from stimlib.devices.log import read_log, replay
+
+    folder = tmp_path / "session.stimlog"
+    with sink(squeeze(), motion=HAND, server=server.name, log=folder, params={"A": 2.0}, seed=11) as s:
+        s.open(FS, channels=4)
+        s.start(2.0)
+        for k in range(5):
+            s.wait(0.2)
+            s.set("k", 800.0 + 200 * k, ramp=0.05)
+            if k == 2:
+                s.pump.write("STALL", 300_000)
+        s.wait(30)
+    log, report = read_log(folder), s.report()
+    again = replay(log)
+    assert again.matches and report.lost > 0.25 * FS
+    assert sum(e.data["name"] == "k" for e in log.changes) == 5
+    assert (log.frames, sum(n for _, n in log.lost)) == (report.produced, report.lost)
 
 
 def test_another_jack_client_falls_back_to_python_with_a_warning(server, monkeypatch):
@@ -437,3 +458,15 @@ def test_a_minute_in_real_time_is_accounted(server):
     take = taken(lambda: real_time(60.0, server, stall_at=20.0))
     assert take.report.produced == 60 * FS and take.report.lost > 0.25 * FS
     print(take.report)
+
+
+@pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
+def test_a_busy_interpreter_does_not_reach_the_compiled_callback(server):
+    found = {True: [], False: []}
+    for _ in range(5):
+        for compiled in found:
+            found[compiled].append(busy(server, compiled).underruns)
+    print("underruns of the compiled callback and of Python's:", *found.values())
+    if statistics.median(found[False]) < 50:
+        pytest.skip(f"Python's callback had only {found[False]} underruns")
+    assert statistics.median(found[True]) <= 0.1 * statistics.median(found[False])

@@ -301,6 +301,26 @@ def test_a_log_that_is_not_read_says_what_it_lacks():
     assert sum(map(len, bench.logged)) == n - sum(g for _, g in gaps) + 1000
 
 
+def test_gaps_and_losses_do_not_overlap():
+    bench = Bench(Scene({"y": Param("a", 0.5) * Input("x")}), Recorded(np.ones((1, 10**5))), fs=2000, full_scale=1.0)
+    bench.pump.start(None)
+    size = bench.pump.read("L_SIZE")
+    bench.pump.block(4096)
+    bench.pump.block(size - 4096 - 300)
+    bench.pump.block(64, lost=1000)  # 300 of these have room
+    n = bench.pump.index
+    bench.drain()
+    lost = [(at, e["frames"]) for at, kind, e in bench.events if kind == "lost"]
+    gaps = [(at, e["frames"], e["delivered"]) for at, kind, e in bench.events if kind == "gap"]
+    told = np.zeros(n, int)
+    for at, k in lost + [g[:2] for g in gaps]:
+        told[at : at + k] += 1
+    logged = sum(map(len, bench.logged))
+    assert told.max() == 1 and not told[: size - 300].any() and told[size - 300 :].all() and logged == size - 300
+    assert bench.pump.read("LOST") == 1000 and sum(k for _, k in lost) == 256
+    assert sum(map(len, bench.motion)) == size - 300 + 256 == n - bench.pump.read("UNLOGGED")
+
+
 def test_command_ring_refuses_when_full():
     bench = Bench(squeeze(), Recorded(fingers(1000)))
     taken = sum(bench.pump.set("k", 1000.0 + k, 1) for k in range(300))

@@ -1,0 +1,58 @@
+"""Streaming through JACK: how much faster than real time it can be, and what a busy interpreter costs each kind of callback.
+
+Run with ``make bench``; it starts a JACK server without hardware.  Figures of the two callbacks come from runs that take
+turns, so that a busy machine meets both.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+from bench import machine, save
+from devices.servers import Jackd, busy
+
+from stimlib.devices.jack import JackSink
+from stimlib.devices.motion import minimum_jerk
+from stimlib.scenes import squeeze
+
+FS, BLOCK = 8000, 64
+HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
+
+
+def freewheel(server: Jackd, seconds: float = 120.0) -> float:
+    """Times real time of the two-finger squeeze."""
+    with JackSink(squeeze(), 50.0, motion=HAND, server=server.name, realtime=False) as sink:
+        sink.open(FS)
+        sink.freewheel(True)
+        start = time.perf_counter()
+        sink.start(seconds)
+        sink.wait()
+        took = time.perf_counter() - start
+        sink.freewheel(False)
+    assert sink.report().produced == seconds * FS and sink.report().lost == 0
+    return seconds / took
+
+
+def underruns(server: Jackd, rounds: int = 5) -> dict[str, list[int]]:
+    """Of the compiled callback and the one in Python, taking turns."""
+    found: dict[str, list[int]] = {"compiled": [], "python": []}
+    for _ in range(rounds):
+        for name in found:
+            found[name].append(busy(server, name == "compiled").underruns)
+    return found
+
+
+def main() -> None:
+    with Jackd(FS, BLOCK) as server:
+        speeds = [freewheel(server) for _ in range(5)]
+        found = underruns(server)
+    rows: list[dict[str, object]] = [{"what": f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: times real time", "value": ""}]
+    rows[0]["value"] = statistics.median(speeds)
+    for name, counts in found.items():
+        rows.append({"what": f"underruns in 3 s, interpreter held, {name} callback", "value": statistics.median(counts)})
+    save("streaming", [{"what": machine(), "value": ""}, *rows])
+
+
+if __name__ == "__main__":
+    main()
