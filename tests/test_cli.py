@@ -141,3 +141,74 @@ def test_sidecar_is_enough_to_render_again(tmp_path):
         sidecar["seed"],
     )
     assert np.array_equal(file.read(tmp_path / "a.w64")[0], again.y)
+
+
+@pytest.fixture
+def session(tmp_path):
+    from stimlib.devices.null import NullSink
+
+    folder = tmp_path / "a.stimlog"
+    hand = {"x1": minimum_jerk(depth=0.01)}
+    with NullSink(stimlib.scenes.squeeze(fingers=1), 50.0, clocked=False, motion=hand, log=folder) as sink:
+        sink.open(8000, channels=["force1", None])
+        sink.start(seconds=0.5)
+        sink.wait()
+    return folder
+
+
+def test_a_session_is_replayed_and_verified(tmp_path, session):
+    done = run.invoke(app, ["replay", str(session)])
+    assert (done.exit_code, done.output) == (0, "4000 frames replayed, 0 lost; 2 of 2 hashes match\n")
+    done = run.invoke(app, ["replay", str(session), "--out", str(tmp_path / "a.wav")])
+    assert done.exit_code == 0 and file.read(tmp_path / "a.wav")[0].shape == (2, 4000)
+    for words in ([], ["squeeze(fingers=1)"]):
+        done = run.invoke(app, ["verify", *words, "--log", str(session), "--report", str(tmp_path / "a.html")])
+        assert done.exit_code == 0, done.output
+        assert "log: delivered = replay" in done.output and "passed" in (tmp_path / "a.html").read_text()
+    data = bytearray((session / "motion.f64").read_bytes())
+    data[8 * 2500 + 6] ^= 1
+    (session / "motion.f64").write_bytes(data)
+    done = run.invoke(app, ["replay", str(session)])
+    assert done.exit_code == 1 and "1 of 2 hashes match, the first that does not is of frames 2000 to 4000" in done.output
+    done = run.invoke(app, ["verify", "--log", str(session)])
+    assert done.exit_code == 1 and "FAILED" in done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["replay", "none.stimlog"], "there is no log none.stimlog"),
+        (["replay", "LOG", "--out", "a.flac"], "FLAC is written with subtype PCM_24"),
+        (["verify", "--log", "none.stimlog"], "there is no log none.stimlog"),
+        (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
+        (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
+        (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
+        (["verify", "squeeze"], "say what to verify: SCENE --wav FILE, or --log LOG"),
+        (["verify", "--wav", "a.wav"], "say what to verify: SCENE --wav FILE, or --log LOG"),
+        (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
+    ],
+)
+def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
+    done = run.invoke(app, [w.replace("LOG", str(session)) for w in words])
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert [p.name for p in tmp_path.iterdir()] == ["a.stimlog"]
+
+
+def test_a_render_that_was_killed_is_recovered(tmp_path):
+    out = tmp_path / "long.wav"
+    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "10000", "--out", str(out)]
+    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE) as job:
+        part = tmp_path / "long.wav.part"
+        for _ in range(600):
+            if part.exists() and part.stat().st_size > 1_000_000:
+                break
+            assert job.poll() is None, job.stderr.read()
+            time.sleep(0.1)
+        job.kill()
+        job.communicate()
+    done = run.invoke(app, ["verify", "squeeze", "--wav", str(out)])
+    assert done.exit_code == 2 and f"try stimlib recover {out}" in done.stderr.replace("\n", " ")
+    done = run.invoke(app, ["recover", str(out)])
+    assert done.exit_code == 0 and "frames" in done.output, done.output
+    done = run.invoke(app, ["verify", "squeeze", "--wav", str(out)])
+    assert done.exit_code == 0, done.output

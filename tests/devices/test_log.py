@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,10 @@ from stimlib.checks.session import verify_log
 from stimlib.devices import file
 from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.motion import minimum_jerk
+from stimlib.devices.null import NullSink
 from stimlib.devices.safety import GAIN, Safety, protect, to_device
-from stimlib.errors import BadValue, SinkError, StimlibError
+from stimlib.devices.sources import Live
+from stimlib.errors import BadValue, FaultError, SinkError, StimlibError
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 FS = 8000.0
@@ -332,6 +335,9 @@ def test_other_changes_are_found(session):
     assert replay(read_log(folder)).matches
     (folder / "session.json").write_text(json.dumps(head | {"seed": head["seed"] + 1}))
     assert not replay(read_log(folder)).matches
+    for what, value in (("full_scale", 16.1), ("slew", 3999.0)):
+        (folder / "session.json").write_text(json.dumps(head | {"safety": head["safety"] | {what: value}}))
+        assert not replay(read_log(folder)).matches and not verify_log(read_log(folder)).passed
     block = next(b for b in head["scene"]["blocks"] if b["class"] == "Param")
     block["fields"]["value"] = 999.0
     (folder / "session.json").write_text(json.dumps(head))
@@ -570,3 +576,57 @@ def test_import_is_light():
     code = "import stimlib.devices.log, sys; print(sorted(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
+
+
+# -- sessions of a real sink
+
+
+def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
+    """Everything that may happen to a session: its log replays, and its scene is verified on the motion as it was."""
+    x = np.repeat(minimum_jerk(depth=0.01)(np.arange(16000) / FS)[None], 2, axis=0)
+    sink = NullSink(squeeze(), 50.0, realtime=False, motion=Live(), log=tmp_path / "a.stimlog", params={"k": 1500.0}, seed=9)
+    with sink:
+        sink.open(FS, channels=["force2", None, "force1"], block=64)
+        sink.start()
+        at, began, silent, changed = 0, time.monotonic(), False, False
+        while (now := time.monotonic() - began) < 1.6:
+            if 0.9 < now < 1.1:
+                silent = True  # nothing comes: the last position is held, and fades
+            elif at < (to := min(16000, int(FS * now))):
+                at += sink.push(x[:, at:to])
+            if now > 0.3 and sink.report().underruns == 0:
+                sink.pump.write("STALL", 100_000)
+            if now > 0.5 and not changed:
+                sink.set("k", 1000.0, ramp=0.05)
+                changed = True
+            time.sleep(0.004)
+        sink.stop()
+        sink.wait(3)
+    assert silent
+    log, report = read_log(tmp_path / "a.stimlog"), sink.report()
+    kinds = {e.kind for e in log.events}
+    assert {"set", "lost", "stale", "fresh", "stop", "hash", "motion"} <= kinds, kinds
+    assert (log.frames, log.logged) == (report.produced, report.produced) and log.notes == []
+    assert sum(n for _, n in log.lost) == report.lost > 0.05 * FS
+    assert {e.data["name"] for e in log.changes} == {GAIN, "k"}
+    found = replay(log, tmp_path / "a.rf64")
+    assert found.matches and found.lost == report.lost, str(found)
+    assert file.read(tmp_path / "a.rf64")[0].shape == (3, report.delivered)
+    proven = verify_log(log, squeeze())
+    assert proven.passed, str(proven)
+
+
+@pytest.mark.parametrize("clocked", [True, False])
+def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked):
+    x = motion(16000)
+    x[0, 5000] = np.nan
+    scene = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m")})
+    sink = NullSink(scene, 50.0, clocked=clocked, realtime=False, motion={"x": x[0]}, log=tmp_path / "a.stimlog")
+    with pytest.raises(FaultError), sink:
+        sink.open(FS, block=64)
+        sink.start(seconds=1.0)
+        sink.wait(5)
+    log = read_log(tmp_path / "a.stimlog")
+    assert "fault" in {e.kind for e in log.events} and log.frames == sink.report().produced
+    assert replay(log).matches
+    assert [c.name for c in verify_log(log).checks if not c.passed] == ["no fault"]
