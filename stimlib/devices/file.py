@@ -348,8 +348,10 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
             for c, largest in zip(channels, peak, strict=True):
                 c |= {"clips": None if info["subtype"] == "PCM_24" else 0, "peak": float(largest)}
             _move(to, info)
-        except BaseException:
+        except BaseException as error:
             _remove(_new(to), _part(_sidecar(to)))
+            if isinstance(error, sf.SoundFileError):
+                raise SinkError(f"{part} cannot be read to its end, it was damaged ({error})") from error
             raise
         _remove(part, _sidecar(part))
     return _report(to, info)
@@ -800,7 +802,8 @@ def _finish_move(path: Path) -> FileReport | None:
     if _file_sha256(path) != info["file_sha256"]:
         return None
     with _locked(path):
-        os.replace(sidecar_part, _sidecar(path))
+        with _disk(path, sidecar_part):
+            os.replace(sidecar_part, _sidecar(path))
         _remove(_part(path), _sidecar(_part(path)))
     return _report(path, info)
 
