@@ -62,4 +62,5 @@ def test_guide_prints_what_the_examples_print():
 
     for printed in PRINTED.values():
         for line in printed.splitlines():
-            assert f"   {line}\n" in text_of("first_stimulus.rst", "add_a_block.rst", "fitting.rst", "bumps.rst")
+            pages = ("first_stimulus.rst", "add_a_block.rst", "fitting.rst", "bumps.rst", "batches.rst")
+            assert f"   {line}\n" in text_of(*pages)
