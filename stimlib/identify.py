@@ -389,7 +389,10 @@ def fit(
         def total(u: Any, x: Any) -> Any:
             signals = run(u, x)
             if callable(loss):
-                return jnp.asarray(loss(signals, target), float)
+                value = jnp.asarray(loss(signals, target), float)
+                if value.shape:
+                    raise BadValue(f"fit: the loss must be one number, got an array {value.shape}")
+                return value
             return jnp.mean(jnp.stack([jnp.mean(r**2) for r in miss(signals).values()]))
 
         slope = jax.jit(jax.value_and_grad(total))
@@ -482,7 +485,7 @@ def _length(motion: Any, inputs: tuple[str, ...], signals: Mapping[str, Any], se
 def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
     """BadValue where a search cannot begin."""
     starts = ", ".join(f"{name} = {r.start:g}" for name, r in ranges.items())
-    if np.ndim(value) or not math.isfinite(value):
+    if not math.isfinite(value):
         raise BadValue(f"fit: the loss must be a finite number, it is {value} at the start, {starts}; try another one")
     wrong = [name for name, g in zip(ranges, grad, strict=True) if not math.isfinite(g)]
     if wrong:
@@ -498,12 +501,13 @@ def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
 
 
 def _confidence(u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, Any], ranges: Mapping[str, Range]) -> dict:
-    """95 % intervals by name; nothing where there are no more samples than numbers."""
+    """95 % intervals by name; nothing where there are no more samples than numbers.  Samples without weight do not count."""
     J = np.concatenate([np.asarray(slopes[name]) for name in misses])
     r = np.concatenate([np.asarray(v) for v in misses.values()])
-    if r.size <= u.size:
+    counts = (r != 0) | J.any(axis=1)
+    if counts.sum() <= u.size:
         return {}
-    low, high = _intervals(u, J, r)
+    low, high = _intervals(u, J[counts], r[counts])
     with np.errstate(over="ignore"):
         return {name: (float(q.value(a)), float(q.value(b))) for (name, q), a, b in zip(ranges.items(), low, high, strict=True)}
 
