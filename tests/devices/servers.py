@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
 import tempfile
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,14 +99,12 @@ def needs_jack():
 class Jackd:
     """A JACK server without hardware, on a name of its own; ended by its process id.
 
-    ``log`` is what it has said.
+    JACK knows 8 servers on a machine, and one that was killed keeps its place until another of its name comes.  So names are
+    used again, and a lock on a file says which are in use.
     """
 
-    count = 0
-
     def __init__(self, rate=8000, block=64, captures=8, playbacks=24, options=()):
-        Jackd.count += 1
-        self.name = f"stimlib{os.getpid()}_{Jackd.count}"
+        self.name, self._lock = self._free_name()
         self.rate, self.block = rate, block
         self._out = tempfile.TemporaryFile("w+")
         text = f"jackd -n {self.name} -r -p 128 {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
@@ -113,6 +113,7 @@ class Jackd:
 
     @property
     def log(self):
+        """What it has said."""
         self._out.seek(0)
         return self._out.read()
 
@@ -128,8 +129,9 @@ class Jackd:
                 if self.process.poll() is not None:
                     break
                 time.sleep(0.05)
+        said = f"jackd does not start ({self.process.poll()}): {self.log}"
         self.__exit__()
-        raise RuntimeError(f"jackd does not start: {self.log}")
+        raise RuntimeError(said)
 
     def __exit__(self, *_):
         if self.process.poll() is None:
@@ -140,6 +142,20 @@ class Jackd:
                 self.process.kill()
                 self.process.wait()
         self._out.close()
+        self._lock.close()
+
+    @staticmethod
+    def _free_name():
+        for _ in range(600):
+            for k in range(6):
+                lock = open(Path(tempfile.gettempdir()) / f"stimlib_jackd_{k}.lock", "w")
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return f"stimlib_test_{k}", lock
+                except OSError:
+                    lock.close()
+            time.sleep(0.1)
+        raise RuntimeError("6 JACK servers are in use already")
 
 
 def _capture_callback():
@@ -181,7 +197,15 @@ class Capture:
         import jack
 
         Capture.callback = Capture.callback or _capture_callback()
-        self.client = client = jack.Client(name, no_start_server=True, servername=server, use_exact_name=True)
+        for attempt in range(5):  # a server under load may still be busy with the last client of this name
+            try:
+                client = jack.Client(name, no_start_server=True, servername=server, use_exact_name=True)
+                break
+            except jack.JackOpenError:
+                if attempt == 4:
+                    raise
+                time.sleep(0.5)
+        self.client = client
         self.ports = [client.inports.register(f"in_{k + 1}") for k in range(channels)]
         self.names = [p.name for p in self.ports]
         self.data = np.zeros((channels, size), np.float32)
@@ -216,6 +240,12 @@ class Capture:
     def __exit__(self, *_):
         self.client.deactivate()
         self.client.close()
+
+
+def step(frames, times):
+    """Largest step of one channel; None where it may only seem one, because frames in between were not captured."""
+    steps, gap = np.abs(np.diff(frames)), np.diff(times) != 1
+    return None if steps[gap].max(initial=0) > 0.01 else float(steps[~gap].max())
 
 
 def aligned(captured, expected):

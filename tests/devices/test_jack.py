@@ -10,10 +10,11 @@ import sys
 import textwrap
 import time
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from devices.servers import Capture, Jackd, Seen, aligned, busy, kept, needs_jack, offline, replayed, textured
+from devices.servers import Capture, Jackd, Seen, aligned, busy, kept, needs_jack, offline, replayed, step, textured
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
@@ -276,38 +277,52 @@ def test_what_is_not_finite_never_reaches_the_port(server):
         frames = capture.frames().copy()
     assert np.isfinite(frames).all() and np.abs(frames).max() == np.float32(0.4) and not frames[-1].any()
     assert s.report().faults == {"force1": 4000, "force2": 4010}
-    assert np.abs(np.diff(frames, axis=0)).max() < 0.01
+    delivered = np.concatenate(log.frames)
+    assert np.isfinite(delivered).all() and np.abs(np.diff(delivered, axis=0)).max() < 0.01
 
 
 # Ways out ------------------------------------------------------------------------------------------------------------
-def smooth(frames):
-    y = frames[:, 0]
-    assert y.max() == 1.0, "full scale was reached"
-    assert not y[-1], "it has ended"
-    return np.abs(np.diff(y)).max()
+def smooth(play):
+    """Steps of at most 1 % in a capture of ``play(capture)``, of a steady full scale that comes and goes.
+
+    On a shared machine frames may be lost in the middle of a fade; no sink can help that, so such a capture is done again.
+    """
+    for _ in range(8):
+        with play() as capture:
+            y = capture.frames()[:, 0]
+            assert y.max() == 1.0 and not y[-1]
+            largest = step(y, capture.times())
+        if largest is not None:
+            assert largest <= 0.01
+            return
+    pytest.fail("frames were lost in each of 8 captures")
 
 
 @pytest.mark.parametrize("way", ["stop", "close", "exception", "end"])
 def test_every_way_out_fades(server, way):
-    with Capture(server.name, 1, 30 * FS) as capture:
-        try:
-            with sink(steady(), 1.0, server=server.name, connect=capture.names) as s:
-                s.open(FS)
-                s.start(0.3 if way == "end" else None)
-                s.wait(0.4)
-                if way == "stop":
-                    s.stop()
-                    time.sleep(0.1)
-                elif way == "close":
-                    began = time.monotonic()
-                    s.close()
-                    assert time.monotonic() - began < CLOSE_WITHIN
-                elif way == "exception":
-                    raise ValueError("an experiment's mistake")
-        except ValueError:
-            assert way == "exception"
-        time.sleep(0.05)
-        assert smooth(capture.frames()) <= 0.01
+    @contextmanager
+    def play():
+        with Capture(server.name, 1, 30 * FS) as capture:
+            try:
+                with sink(steady(), 1.0, server=server.name, connect=capture.names) as s:
+                    s.open(FS)
+                    s.start(0.3 if way == "end" else None)
+                    s.wait(0.4)
+                    if way == "stop":
+                        s.stop()
+                        time.sleep(0.1)
+                    elif way == "close":
+                        began = time.monotonic()
+                        s.close()
+                        assert time.monotonic() - began < CLOSE_WITHIN
+                    elif way == "exception":
+                        raise ValueError("an experiment's mistake")
+            except ValueError:
+                assert way == "exception"
+            time.sleep(0.05)
+            yield capture
+
+    smooth(play)
 
 
 CHILD = """
@@ -337,18 +352,22 @@ def player(server, more):
     [("sink.wait(20)", signal.SIGTERM, 143), ("with sink: sink.wait(20)", signal.SIGINT, -2), ("1 / 0", None, 1), ("", None, 0)],
 )
 def test_signals_and_the_end_of_the_program_fade(server, more, what, code):
-    with Capture(server.name, 1, 120 * FS) as capture:
-        child = player(server, more)
-        try:
-            assert child.stdout.readline() == "playing\n", child.stderr.read()
-            if what:
-                child.send_signal(what)
-            child.communicate(timeout=30)
-        finally:
-            child.kill()
-        time.sleep(0.05)
-        assert child.returncode == code
-        assert smooth(capture.frames()) <= 0.01
+    @contextmanager
+    def play():
+        with Capture(server.name, 1, 120 * FS) as capture:
+            child = player(server, more)
+            try:
+                assert child.stdout.readline() == "playing\n", child.stderr.read()
+                if what:
+                    child.send_signal(what)
+                child.communicate(timeout=30)
+            finally:
+                child.kill()
+            time.sleep(0.05)
+            assert child.returncode == code
+            yield capture
+
+    smooth(play)
 
 
 # Faults --------------------------------------------------------------------------------------------------------------
