@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache, lru_cache
+from tokenize import TokenError
 
 from .errors import UnitError
 
@@ -50,6 +52,9 @@ class Unit:
 
 
 ONE = Unit(())
+# pint computes what a text says, for hours if it says 9**9**9**9; scene files come from others
+_HUGE = re.compile(r"[\d.]\s*(\*\*|\^)|\d[eE]|(?<![\d.])\d{3}")
+_OF_GROUP = re.compile(r"\)\s*(\*\*|\^)")
 
 
 @lru_cache(maxsize=4096)
@@ -98,11 +103,13 @@ def unit(text: str) -> Unit:
     """
     if text in ("", "1"):
         return ONE
+    if len(text) > 100 or _HUGE.search(text) or len(_OF_GROUP.findall(text)) > 1:
+        raise UnitError(f"unit {text[:40]!r} is not a product of SI names with small powers, such as 'N*s/m' or 'm**2'")
     import pint
 
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
-    except (pint.errors.PintError, TypeError, ValueError, AttributeError, SyntaxError, AssertionError) as e:
+    except (pint.errors.PintError, TypeError, ValueError, AttributeError, SyntaxError, AssertionError, TokenError) as e:
         raise UnitError(f"unknown unit {text!r}: use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
     powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
     if abs(base.magnitude - 1.0) > 1e-12:

@@ -528,13 +528,13 @@ def _header(data: dict[str, Any], where: str, error: type[StimlibError]) -> _Hea
     need(1 <= fs <= 1e7, "fs must be from 1 to 1e7 Hz")
     need(0 <= seed < 2**64, "seed must be from 0 to 2**64 - 1")
     try:
-        scene = Scene.from_dict(data["scene"], where)
+        scene = Scene.from_dict(data["scene"])
         safety = Safety(**data["safety"])
         outputs = tuple(scene.outputs)
         safety.scales(outputs)
         known = protect(scene, safety).params
     except (StimlibError, TypeError, OverflowError, RecursionError) as e:
-        raise error(f"{where}: scene or safety cannot be used: {e}") from e
+        raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
     need(scene.hash == data["scene_hash"], "scene_hash is not that of the scene: one of them was changed")
     need(tuple(data["outputs"]) == outputs, f"outputs must be those of the scene, {', '.join(outputs)}")
     inputs = data["inputs"]

@@ -26,7 +26,7 @@ from stimlib.devices.motion import minimum_jerk
 from stimlib.devices.null import NullSink
 from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, FaultError, SinkError, StimlibError
+from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 FS = 8000.0
@@ -570,6 +570,25 @@ def test_absurd_places(small, tmp_path):
             read_log(folder)
     finally:
         (folder / "events.jsonl").write_bytes(files["events.jsonl"])
+
+
+@pytest.mark.parametrize(
+    "text", ["9**9**9**9", "m**(9**9**9)", "((m**9)**9)**9", "m**1e400", "m**400", "((((m", "m" * 200, "m\n("]
+)
+def test_a_unit_that_would_be_computed_for_hours(small, text):
+    from stimlib.units import unit
+
+    with pytest.raises(UnitError):
+        unit(text)
+    folder, files = small
+    head = json.loads(files["session.json"])
+    next(b for b in head["scene"]["blocks"] if b["class"] == "Param")["fields"]["unit"] = text
+    (folder / "session.json").write_text(json.dumps(head))
+    try:
+        with pytest.raises(SinkError, match="scene or safety cannot be used"):
+            read_log(folder)
+    finally:
+        (folder / "session.json").write_bytes(files["session.json"])
 
 
 def test_import_is_light():
