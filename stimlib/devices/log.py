@@ -229,8 +229,7 @@ class LogWriter:
         except OSError as e:
             self._fail(e)
         finally:
-            with suppress(OSError, file._soundfile().SoundFileError) if self._record is not None else suppress(OSError):
-                self._open.close()
+            self._end()
 
     def _jump(self) -> None:
         """Over what is lost, where it begins."""
@@ -275,7 +274,13 @@ class LogWriter:
     def _fail(self, e: Exception) -> None:
         if self._error is None:
             self._error = SinkError(f"cannot write the log {self.folder}: {getattr(e, 'strerror', None) or e}")
+        self._end()
         raise self._error from e
+
+    def _end(self) -> None:
+        """Close the files; what they have is what there will be."""
+        with suppress(OSError, file._soundfile().SoundFileError) if self._record is not None else suppress(OSError):
+            self._open.close()
 
 
 def header(

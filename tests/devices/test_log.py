@@ -649,3 +649,24 @@ def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked):
     assert "fault" in {e.kind for e in log.events} and log.frames == sink.report().produced
     assert replay(log).matches
     assert [c.name for c in verify_log(log).checks if not c.passed] == ["no fault"]
+
+
+def test_a_sink_whose_disk_is_full_fades_out(tmp_path):
+    small = tmp_path / "small"
+    small.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=300k", "none", str(small)]
+    if not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("a small file system cannot be mounted here")
+    try:
+        hand = minimum_jerk(depth=0.01)
+        sink = NullSink(squeeze(), 50.0, realtime=False, motion={"x1": hand, "x2": hand}, log=small / "a.stimlog")
+        with pytest.raises(SinkError, match="No space left on device"), sink:
+            sink.open(FS, block=64)
+            sink.start(seconds=20.0)
+            sink.wait(20)
+        log = read_log(small / "a.stimlog")
+        found = replay(log)
+        assert found.matches and found.frames > 8000 and log.report is None and verify_log(log).passed
+        del log  # it maps the motion
+    finally:
+        subprocess.run(["umount", str(small)], check=True)
