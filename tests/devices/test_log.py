@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from devices.servers import Jackd, needs_jack
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -670,3 +671,27 @@ def test_a_sink_whose_disk_is_full_fades_out(tmp_path):
         del log  # it maps the motion
     finally:
         subprocess.run(["umount", str(small)], check=True)
+
+
+@needs_jack()
+def test_a_session_on_a_jack_server_with_changes_and_losses(tmp_path):
+    from stimlib.devices.jack import JackSink
+
+    hand = minimum_jerk(depth=0.01)
+    with Jackd(8000, 64) as server:
+        motions = {"x1": hand, "x2": hand}
+        sink = JackSink(squeeze(), 50.0, realtime=False, motion=motions, log=tmp_path / "a.stimlog", server=server.name)
+        with sink:
+            sink.open(FS)
+            sink.start(2.0)
+            for i in range(8):
+                time.sleep(0.2)
+                sink.set("k", 1000.0 + 100 * i, ramp=0.05)
+                if i == 4:
+                    sink.pump.write("STALL", 150_000)
+            sink.wait(10)
+    log = read_log(tmp_path / "a.stimlog")
+    found, report = replay(log), sink.report()
+    assert found.matches and (found.frames, found.lost) == (report.produced, report.lost) and report.lost > 0, str(found)
+    assert sum(e.data["name"] == "k" for e in log.changes) == 8
+    assert verify_log(log, squeeze()).passed
