@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import time
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -78,7 +79,8 @@ class Pump:
             HOLD=place(np.zeros(rows)), C_RING=place(np.zeros(n.RECORD * n.COMMANDS, integers)),
             E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)), LOG=int(log), L_SIZE=ring,
             OUTS=place(np.zeros(len(self.channels), integers)), STRIDE=1, INS=place(np.zeros(rows, integers)), IN_STRIDE=1,
-            CLOCK=self._function("clock_gettime"), SLEEP=self._function("usleep"), TIME=place(np.zeros(2, integers)),
+            CLOCK=self._function("clock_gettime"), CLOCK_ID=time.CLOCK_MONOTONIC, TIME=place(np.zeros(2, integers)),
+            SLEEP=self._function("usleep"),
             HISTOGRAM=place(np.zeros(n.BINS, integers)), PORTS=place(np.zeros(len(self.channels), integers)),
             IN_PORTS=place(np.zeros(rows, integers)),
         )  # fmt: skip

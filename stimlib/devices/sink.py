@@ -203,6 +203,7 @@ class Sink:
         self.realtime = self.clock if realtime is None else realtime
         self._log_to = log
         self.error: StimlibError | None = None
+        self._earliest = 0  # sample before which no fade-out begins: a guard's own comes first
         self._opened = self._started = self._stopped = self._closed = False
         self._lock = threading.RLock()
         self._old_term: Any = None
@@ -252,7 +253,8 @@ class Sink:
             self._open()
         except BaseException:
             self._closed = True
-            self._limited(self._close, 1.0)
+            if not self._limited(self._close, 1.0):
+                _abandoned.append((self.pump, self))
             raise
         self._opened = True
         _open_sinks.add(self)
@@ -300,7 +302,8 @@ class Sink:
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
         self._gone: list[str] = []
         self._stales = 0
-        self._told_clips: dict[str, dict[str, int]] = {}
+        self._told: dict[str, dict[str, int]] = {}
+        self._told_at = time.monotonic()
         if self.realtime:
             self._real_time.enter()
         self._started = True
@@ -352,7 +355,7 @@ class Sink:
                 return
             self._stopped = True
             interrupted = None
-            self.pump.stop(reason)
+            self.pump.stop(reason, self._earliest)
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
             seen, since = -1, time.monotonic()
             while not self.finished and time.monotonic() < end:
@@ -512,6 +515,7 @@ class Sink:
 
     def _fail(self, e: Exception, earliest: int = 0) -> None:
         """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this."""
+        self._earliest = max(self._earliest, earliest)
         if self.error is None:
             self.error = e if isinstance(e, StimlibError) else SinkError(f"{self.device}: {type(e).__name__}: {e}")
         if self._started:
@@ -556,6 +560,7 @@ class Sink:
             for _ in range(3):
                 self._drain()
             self._tell(2**63)
+            self._tell_counts()
             if self._writer is not None:
                 self._writer.close(self.report().to_dict())
         except Exception as e:  # a full disk, a log that fails
@@ -592,10 +597,15 @@ class Sink:
             guard = round(0.02 * self.rate) + 1  # its own fade comes first: two at once would be steeper
             why = FaultError(f"output {name} was not finite at sample {faults[name]}: the session was faded out")
             self._fail(why, faults[name] + guard)
+        if time.monotonic() - self._told_at >= 1.0:
+            self._tell_counts()
+
+    def _tell_counts(self) -> None:
         counts = self._watch.counts()
-        if counts != self._told_clips:
-            self._told_clips = counts
-            self._say(p.index, "clip", counts=counts)
+        self._told_at = time.monotonic()
+        if counts != self._told:
+            self._told = counts
+            self._say(self.pump.index, "clip", counts=counts)
 
     def _tell(self, until: int) -> None:
         """Events at or before a sample."""

@@ -16,7 +16,7 @@ ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FA
 # its course: what a caller has asked for, and where it is
 STATE, FADE_AT, END, FADING, WAS, STALE_AFTER, STALE, RUN, WAIT, STALL = range(12, 22)
 # counts
-DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, BLOCKS = range(22, 29)
+DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, BLOCKS, CLOCK_ID = range(22, 30)
 # motion: where it comes from
 MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
 # rings: commands in; events, motion and frames out
@@ -100,7 +100,7 @@ clock_gettime, get_buffer, frame_time, sleep_us = (
 def now(c):
     """Nanoseconds of the monotonic clock."""
     t = i8_at(c[TIME])
-    clock_gettime(c[CLOCK], 1, c[TIME])
+    clock_gettime(c[CLOCK], c[CLOCK_ID], c[TIME])
     return load(t, 0) * 1000000000 + load(t, 1)
 
 

@@ -84,6 +84,14 @@ def kept(events, n):
     return out
 
 
+def largest_step(frames, events):
+    """Between delivered frames that follow each other, from silence on: a busy machine may lose some in the middle of a fade."""
+    lost = sum(e["frames"] for _, kind, e in events if kind == "lost")
+    index = np.flatnonzero(kept(events, len(frames) + lost))
+    steps = np.abs(np.diff(frames, axis=0)).max(axis=1, initial=0)
+    return max(float(np.abs(frames[0]).max()), float(steps[np.diff(index) == 1].max()))
+
+
 # JACK ----------------------------------------------------------------------------------------------------------------
 def needs_jack():
     """Skip where there is no JACK; a mark for a whole file is ``pytestmark = needs_jack()``."""

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from devices.servers import Capture, Jackd, Seen, aligned, busy, kept, needs_jack, offline, replayed, step, textured
+from devices.servers import Capture, Jackd, Seen, aligned, busy, kept, largest_step, needs_jack, offline, replayed, step, textured
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
@@ -85,7 +85,7 @@ class Take:
         self.scene, self.safety, self.fs, self.map = s.scene, s.safety, s.rate, s.map
         self.params, self.report, self.log = s.params, s.report(), log
         self.frames = capture.frames()[:, : len(s.map)].copy()
-        self.index = capture.times() - s.pump.read("ORIGIN")
+        self.index = capture.times()[: len(self.frames)] - s.pump.read("ORIGIN")
 
     def accounted(self):
         """captured + reported lost = produced, and every sample captured is the one of its time.
@@ -183,7 +183,8 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
         finally:
             child.kill()
         report = json.loads(out)
-        frames, times = capture.frames().copy(), capture.times().copy()
+        frames = capture.frames().copy()
+        times = capture.times()[: len(frames)].copy()
     assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
     first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
     gaps = np.diff(times[first : last + 1]) - 1
@@ -196,7 +197,7 @@ def test_a_session_replays_from_its_log(server, tmp_path):
     folder = tmp_path / "session.stimlog"
     with sink(squeeze(), motion=HAND, server=server.name, log=folder, params={"A": 2.0}, seed=11) as s:
         s.open(FS, channels=4)
-        s.start(2.0)
+        s.start(4.0)
         for k in range(5):
             s.wait(0.2)
             s.set("k", 800.0 + 200 * k, ramp=0.05)
@@ -278,7 +279,7 @@ def test_what_is_not_finite_never_reaches_the_port(server):
     assert np.isfinite(frames).all() and np.abs(frames).max() == np.float32(0.4) and not frames[-1].any()
     assert s.report().faults == {"force1": 4000, "force2": 4010}
     delivered = np.concatenate(log.frames)
-    assert np.isfinite(delivered).all() and np.abs(np.diff(delivered, axis=0)).max() < 0.01
+    assert np.isfinite(delivered).all() and largest_step(delivered, log.events) < 0.01
 
 
 # Ways out ------------------------------------------------------------------------------------------------------------
@@ -291,7 +292,7 @@ def smooth(play):
         with play() as capture:
             y = capture.frames()[:, 0]
             assert y.max() == 1.0 and not y[-1]
-            largest = step(y, capture.times())
+            largest = step(y, capture.times()[: len(y)])
         if largest is not None:
             assert largest <= 0.01
             return

@@ -61,7 +61,8 @@ def main(minutes: float) -> None:
                         say(f"{time.monotonic() - began:6.0f} s  {memory[-1]:8.2f} MiB  {sink.report()}")
                         sink.check()
             time.sleep(0.1)
-            index, frames = capture.times() - sink.pump.read("ORIGIN"), capture.frames()
+            frames = capture.frames()
+            index = capture.times()[: len(frames)] - sink.pump.read("ORIGIN")
         report = sink.report()
         say(f"end       {report}")
         growth = max(memory[len(memory) // 10 :]) - memory[len(memory) // 10]
