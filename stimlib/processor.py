@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from .errors import BadValue, SceneError, UnknownName
 from .graph import pack
 from .lower import PARAMS, ROOT, Program, check_memory, first_states, lead, lower
 
-TARGETS = ("numba", "python")
+if TYPE_CHECKING:
+    from .targets.jax import Function
+
+TARGETS = ("numba", "python", "jax")
 
 
 class Change(NamedTuple):
@@ -23,22 +26,33 @@ class Change(NamedTuple):
     ramp: float
 
 
-def compile(scene, fs: float, target: str = "numba", seed: int = 0) -> Processor:
-    """Turn a scene into a streaming processor.
+@overload
+def compile(scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0) -> Processor: ...
+@overload
+def compile(
+    scene, fs: float, target: Literal["jax"], seed: int = 0, *, dtype: str = "float64", surrogate: float | None = None
+) -> Function: ...
+def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -> Processor | Function:
+    """Turn a scene into a streaming processor, or into a function for batches and gradients.
 
     Parameters
     ----------
     scene : Scene
     fs : float
         Sample rate in Hz.
-    target : {"numba", "python"}
-        The compiler, or the reference interpreter; both give the same bits.
+    target : {"numba", "python", "jax"}
+        The compiler, or the reference interpreter, of a streaming processor; both give the same bits.  Or JAX, for whole signals:
+        equal to rounding, see ``stimlib.targets.jax.Function``.
     seed : int
         Key of all noise of this run, besides each source's own seed.
+    dtype : {"float64", "float32"}
+        With JAX: of noise, long sums and outputs; motion, velocities and gates are float64 always.
+    surrogate : float, optional
+        With JAX: relative width of the smooth edge whose derivative a gate borrows; None: its derivative is 0.
 
     Returns
     -------
-    Processor
+    Processor, or stimlib.targets.jax.Function
 
     Raises
     ------
@@ -55,6 +69,12 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0) -> Processor
     >>> stimlib.compile(scene, fs=8000, target="python").process(np.array([[0.0, 0.01]]))
     array([[ 0., 20.]])
     """
+    if target == "jax":
+        from .targets.jax import Function
+
+        return Function(scene, fs, seed, **options)
+    if options:
+        raise BadValue(f"{', '.join(options)}: only target='jax' has this option")
     return Processor(scene, fs, target, seed)
 
 
@@ -66,9 +86,11 @@ class Processor:
     """
 
     def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
-        fs = _number(fs, "fs")
-        if not (math.isfinite(fs) and fs > 0):
-            raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
+        fs = rate(fs)
+        if target == "jax":
+            raise BadValue(
+                "a Processor streams; target='jax' is for stimlib.compile, which then gives a function of whole signals"
+            )
         if target not in TARGETS:
             raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
         self.scene, self.fs, self.target = scene, fs, target
@@ -316,6 +338,14 @@ class Processor:
         from .response import response
 
         return response(self, output, input, np.asarray(f, float))
+
+
+def rate(fs: Any) -> float:
+    """A sample rate in Hz; BadValue unless it is a finite number above 0."""
+    fs = _number(fs, "fs")
+    if not (math.isfinite(fs) and fs > 0):
+        raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
+    return fs
 
 
 def _number(v: Any, what: str) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadValue, UnknownName
-from .processor import Processor, compile
+from .processor import Processor
 from .scene import Scene
 
 Array = NDArray[np.float64]
@@ -224,7 +224,7 @@ def render(
     >>> stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000, params={"k": 1000.0})["force"]
     array([ 0., 10.])
     """
-    proc = compile(scene, fs, target, seed)
+    proc = Processor(scene, fs, target, seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)

@@ -1,0 +1,115 @@
+"""Do two targets agree?  JAX against the compiled processor, decision by decision and sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..lower import ROOT
+from ..processor import Processor, compile
+from ..scene import Scene
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far JAX is from the processor over one run; its str is one line.
+
+    Attributes
+    ----------
+    error : dict of str to float
+        Per output, the largest difference over the largest absolute value, given the processor's decisions.
+    alone : dict of str to float
+        The same with JAX's own decisions.
+    decisions : int
+        Decisions taken, all gates and comparisons of all samples together.
+    differences : int
+        How many of them are not the processor's.
+    """
+
+    error: dict[str, float]
+    alone: dict[str, float]
+    decisions: int
+    differences: int
+
+    @property
+    def worst(self) -> float:
+        """The largest error of all outputs, given the same decisions."""
+        return max(self.error.values())
+
+    def __str__(self):
+        errors = ", ".join(f"{name} {v:.1e}" for name, v in self.error.items())
+        return f"{errors} of max given the same gates; {self.differences} of {self.decisions} decisions differ"
+
+
+def agreement(
+    scene: Scene,
+    motion: Mapping[str, np.ndarray],
+    fs: float,
+    *,
+    n: int | None = None,
+    params: Mapping[str, float] | None = None,
+    seed: int = 0,
+    dtype: str = "float64",
+) -> Agreement:
+    """Compare the JAX target with the compiled processor over one run.
+
+    Gates are edges: where two roundings fall on different sides of one, signals differ by whole steps.  So decisions are counted
+    on their own, and the signals are compared given the processor's.
+
+    Parameters
+    ----------
+    scene : Scene
+    motion : dict of str to ndarray (n,)
+        Every input, in its unit.
+    fs : float
+        In Hz.
+    n : int, optional
+        Samples, for a scene without inputs.
+    params : dict of str to float, optional
+        Live numbers from the first sample on.
+    seed : int
+        Of the run.
+    dtype : {"float64", "float32"}
+
+    Returns
+    -------
+    Agreement
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.scenes import squeeze
+    >>> x = 0.01 * (1 - np.cos(np.arange(4000) / 400))
+    >>> a = agreement(squeeze(fingers=1), {"x1": x}, fs=8000)
+    >>> a.worst < 1e-12, a.differences
+    (True, 0)
+    """
+    f = compile(scene, fs, "jax", seed, dtype=dtype)
+    instances = f.program.instances
+    at_root = {g: q for g in f.gates if (q := instances[int(g.split()[1])]).clock == ROOT}  # others are held in between
+    probes = {g.replace(" ", "_") + "_": instances[q.args[0]].block if q.kind == "open" else q.block for g, q in at_root.items()}
+    proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
+    for name, value in (params or {}).items():
+        proc.set(name, value, ramp=0.0)
+    size = n if n is not None else min(len(v) for v in motion.values())
+    x = np.array([np.asarray(motion[name], float)[:size] for name in proc.inputs]).reshape(len(proc.inputs), size)
+    y = dict(zip(proc.outputs, proc.process(x), strict=True))
+    gates = {g: y[p] > 0 for g, p in zip(at_root, probes, strict=True)}
+    rows = dict(zip(proc.inputs, x, strict=True))
+    inputs = {name: rows[name] for name in f.inputs}
+    own = f.decisions(params, inputs, n=size)
+    differences = sum(int(np.sum(np.asarray(own[g]) != gates[g])) for g in at_root)
+
+    def error(signals: Any) -> dict[str, float]:
+        return {name: _relative(np.asarray(signals[name], float), y[name]) for name in f.outputs}
+
+    alone = error(own)
+    given = error(f(params, inputs, n=size, gates=gates)) if differences else alone
+    return Agreement(given, alone, len(at_root) * size, differences)
+
+
+def _relative(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.max(np.abs(a - b)) / (np.max(np.abs(b)) or 1.0))

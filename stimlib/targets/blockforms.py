@@ -1,0 +1,483 @@
+"""How the primitives run over whole signals under JAX: banks of modes and taps as products with small matrices.
+
+``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s come from ``design``, x are arrays (n,) or
+scalars (the same at all samples), and y is one or the other.  A class without one runs its step, see ``recurrence``.  Blocks of
+others join with ``LOWERINGS[MyBlock] = my_function``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ..blocks import fractional as pot
+from ..blocks import noise
+from ..blocks.carrier import QUARTER, WORD, Carrier, fold, rectified, sinpi
+from ..blocks.delay import Delay
+from ..blocks.fir import Fir
+from ..blocks.gate import Gate
+from ..blocks.modes import Modes, PinkNoise
+from ..blocks.relaxation import KelvinChain, MaxwellArms
+from ..blocks.series import Series
+from ..graph import AtLeast, Block, Greater, Guard
+from ..lower import lead
+from . import traced
+from .recurrence import SHORT
+
+TILE = 64  # samples per row of a matrix product
+
+
+class Run(NamedTuple):
+    """What a lowering may need to know besides its block."""
+
+    n: int  # samples on this clock
+    fs: float
+    key: Any  # of the run, uint64
+    dtype: Any  # of noise and of long sums
+    surrogate: float | None  # relative width of a gate's smoothed edge; None: its derivative is 0
+
+
+# Linear time-invariant parts -----------------------------------------------------------------------------------------
+def rows(x: Any, size: int) -> Any:
+    """(n,) as (tiles, size), zeros behind."""
+    return jnp.pad(x, (0, -x.shape[0] % size)).reshape(-1, size)
+
+
+def spread(x: Any, n: int) -> Any:
+    return jnp.broadcast_to(x, (n,))
+
+
+def later(x: Any, by: int, before: Any = 0.0) -> Any:
+    """x[n - by]; ``before`` at the first samples."""
+    n = x.shape[0]
+    return jnp.concatenate([jnp.broadcast_to(jnp.asarray(before, x.dtype), (by,)), x])[:n]
+
+
+def decay(a: np.ndarray, v: Any, first: Any) -> Any:
+    """States before each update of s' = a s + v; a (k,) numbers below or at 1, v (n, k), first (k,)."""
+    n, k = v.shape
+    factor = jnp.asarray(a, v.dtype)
+    if n <= SHORT:
+        return lax.scan(lambda s, v: (factor * s + v, s), first, v)[1]
+    m = math.isqrt(n)
+    length = -(-n // m)
+    v = jnp.pad(v, ((0, length * m - n), (0, 0))).reshape(m, length, k).swapaxes(0, 1)
+    q, qs = lax.scan(lambda s, v: (factor * s + v, s), jnp.zeros((m, k), v.dtype), v)
+    starts = decay(a**length, q, first)
+    power = jnp.asarray(a ** np.arange(length)[:, None], v.dtype)
+    return (power[:, None] * starts + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
+
+
+def toeplitz(h: Any, xp: Any) -> Any:
+    """T[i, j] = h[i - j], 0 above the diagonal."""
+    d = np.arange(h.shape[0])[:, None] - np.arange(h.shape[0])
+    return xp.where(d >= 0, h[np.maximum(d, 0)], 0.0)
+
+
+def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: Any = None) -> Any:
+    """q_k += x - e_k q_k;  y = direct x + sum_k r_k q_k.  In tiles: y = T x + R a^i q(start), q(end) = a^64 q(start) + E x."""
+    xp: Any = jnp
+    if isinstance(r, np.ndarray):
+        xp, e, r = np, e[r != 0], r[r != 0]
+        if not e.size:
+            return direct * x
+    j = np.arange(1, TILE + 1)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        powers = np.concatenate([np.ones((1, e.size)), np.where(e < 1, np.exp(j * np.log1p(-e)), (1 - e) ** j)])  # of the poles
+    h = xp.asarray(powers[:TILE]) @ r
+    T = toeplitz(h, xp) + direct * np.eye(TILE)
+    u = rows(x.astype(dtype), TILE)
+    q0 = jnp.zeros(e.size, dtype) if first is None else jnp.asarray(first).astype(dtype)
+    q = decay(powers[TILE], u @ jnp.asarray(powers[TILE - 1 :: -1], dtype), q0)
+    y = u @ jnp.asarray(T.T, dtype) + q @ jnp.asarray((powers[1:] * r).T, dtype)
+    return y.reshape(-1)[: x.shape[0]]
+
+
+def taps_tiles(taps: np.ndarray, x: Any, dtype: Any) -> Any:
+    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those before."""
+    n, m = x.shape[0], taps.size
+    before = -(-(m - 1) // TILE)
+    k = before * TILE + np.arange(TILE) - np.arange((before + 1) * TILE)[:, None]
+    B = jnp.asarray(np.where((k >= 0) & (k < m), taps[np.clip(k, 0, m - 1)], 0.0), dtype)
+    tiles = jnp.pad(rows(x.astype(dtype), TILE), ((before, 0), (0, 0)))
+    count = tiles.shape[0] - before
+    parts = [tiles[j : j + count] @ B[j * TILE : (j + 1) * TILE] for j in range(before + 1)]
+    return sum(parts[1:], parts[0]).reshape(-1)[:n]
+
+
+def running(x: Any) -> Any:
+    """Sum of all samples before each one; whole numbers stay exact."""
+    u = rows(x, TILE)
+    inside = jnp.cumsum(u, axis=1)
+    if u.shape[0] == 1:
+        tops = jnp.zeros((1,), x.dtype)
+    else:
+        tops = running(inside[:, -1]) if u.shape[0] > TILE else jnp.cumsum(inside[:, -1]) - inside[:, -1]
+    return (inside - u + tops[:, None]).reshape(-1)[: x.shape[0]]
+
+
+def latest(mark: Any) -> Any:
+    """Index of the last marked sample up to each one, or -1."""
+    at = jnp.where(mark, jnp.arange(mark.shape[0], dtype=jnp.int32), -1)
+    u = jnp.pad(at, (0, -at.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
+    inside = lax.cummax(u, axis=1)
+    before = later(lax.cummax(inside[:, -1]), 1, -1)
+    return jnp.maximum(inside, before[:, None]).reshape(-1)[: mark.shape[0]]
+
+
+def fir(b, p, s, x, run):
+    taps = p.taps[::-1][: int(p.order) + 1]
+    return taps_tiles(taps, spread(x[0], run.n), run.dtype)
+
+
+def modes(b, p, s, x, run):
+    return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d)
+
+
+def pink(b, p, s, x, run):
+    """As modes, from the stationary state."""
+    if not isinstance(b.white, noise.White):
+        return modes(b, p, s, x, run)
+    from .. import minimax
+
+    live = p.r != 0
+    e = p.e[live]
+    g = deviates(stream_key(run.key, *b.white.noise_key, 1), 0, e.size, jnp.float64)
+    q = jnp.asarray(minimax.cholesky(minimax.stationary_covariance(e))) @ g
+    return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d, q)
+
+
+# Noise ---------------------------------------------------------------------------------------------------------------
+U = np.uint64
+
+
+def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
+    """``noise.noise_key`` of a traced run key."""
+    words = [U(seed & 0xFFFFFFFF), U(seed >> 32), U(stream), U(use), run_key & noise.LOW, run_key >> noise.HALF_WORD]
+    c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
+    return c[0] | (c[1] << noise.HALF_WORD)
+
+
+def integers(key: Any, m: Any) -> tuple[Any, Any]:
+    """The two words of each pair m of a stream: the same as on any target."""
+    return traced.bind(noise.pair_of_words)(key, m)
+
+
+def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
+    """Deviates start .. start + n - 1 of a stream, where start may lie before 0."""
+    if start < 0 < start + n:
+        return jnp.concatenate([deviates(key, start, -start, dtype), deviates(key, 0, start + n, dtype)])
+    odd = start % 2
+    pairs = (n + odd + 1) // 2
+    a, b = integers(key, jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64))
+    if dtype == jnp.float64:
+        r, (c, d) = traced.bind(noise.radius)(a), traced.bind(noise.turn)(b)
+    else:
+        r, c, d = short_radius(a), *short_turn(b)
+    return jnp.stack([r * c, r * d], axis=-1).reshape(-1)[odd : odd + n]
+
+
+def short_radius(a: Any) -> Any:
+    """``noise.radius`` in float32: log(1 - v) where u is near 1, so that small radii keep their digits."""
+    u, v = a.astype(jnp.float32), (~a).astype(jnp.float32)
+    near = jnp.log1p(-(v + 0.5) * np.float32(2.0**-64))
+    return jnp.sqrt(-2 * jnp.where(a >> U(63) > 0, near, jnp.log((u + np.float32(0.5)) * np.float32(2.0**-64))))
+
+
+def short_turn(b: Any) -> tuple[Any, Any]:
+    """``noise.turn`` in float32, from the same integers."""
+    v = ((b >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
+    angle = v.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
+    quarter = b >> noise.SHIFT_62
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    odd = (quarter & U(1)) != 0
+    x0, x1 = jnp.where(odd, s, c), jnp.where(odd, c, s)
+    return jnp.where(((quarter + U(1)) & U(2)) != 0, -x0, x0), jnp.where(quarter > U(1), -x1, x1)
+
+
+def white(b, p, s, x, run):
+    return deviates(stream_key(run.key, b.seed, b.stream, 0), -lead(run.fs), run.n, run.dtype)
+
+
+# Gates ---------------------------------------------------------------------------------------------------------------
+def smoothed(exact: Any, distance: Any, width: Any) -> Any:
+    """The gate as it is, with the derivative of 1/(1 + exp(-distance/width))."""
+    soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
+    return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
+
+
+def gate(b, p, s, x, run):
+    """Open since the last crossing of ``on`` unless it fell to ``off`` later."""
+    v = spread(x[0], run.n)
+    event = (v > p.on) | ~(v > p.off)
+    at = latest(event)
+    g = jnp.where((at >= 0) & (v[at] > p.on), 1.0, 0.0)
+    if run.surrogate is None:
+        return g
+    return smoothed(g, v - jnp.where(later(g, 1) > 0, p.off, p.on), run.surrogate * p.on)
+
+
+def comparison(b, p, s, x, run):
+    y = traced.bind(type(b).step)(p, (), *x)[0]
+    if run.surrogate is None or not (jnp.ndim(x[0]) or jnp.ndim(x[1])):
+        return y
+    distance = spread(x[0] - x[1], run.n)
+    return smoothed(y, distance, run.surrogate * jnp.sqrt(jnp.mean(distance**2) + 1e-300))
+
+
+def guard(b, p, s, x, run):
+    """The last finite value, faded out, from the first that is not finite on."""
+    v = spread(x[0], run.n)
+    i = jnp.arange(run.n)
+    bad = v - v != 0
+    at = jnp.where(bad.any(), jnp.argmax(bad), run.n)
+    last = jnp.where(at > 0, v[jnp.maximum(at - 1, 0)], 0.0)
+    left = jnp.maximum(p.m - (i - at), 0.0)
+    return jnp.where(i < at, v, last * (left / p.m)).astype(run.dtype)
+
+
+def delay(b, p, s, x, run):
+    return later(spread(x[0], run.n), min(int(p.n), run.n)) if p.n < run.n else jnp.zeros(run.n)
+
+
+# Contact: where a history begins -------------------------------------------------------------------------------------
+def steady(contact: Any) -> bool:
+    """A plain number above 0: contact from the first sample on, for ever."""
+    return isinstance(contact, (float, np.floating)) and bool(contact > 0)
+
+
+class History(NamedTuple):
+    """A position since contact."""
+
+    on: Any  # in contact
+    fresh: Any  # first sample of a contact
+    d: Any  # movement in this sample, 0 off contact
+    first: Any  # position before contact
+
+
+def history(x: Any, contact: Any, step: float, n: int) -> History:
+    """Movements since contact; a step from 0 at the very first contact where ``step`` says so."""
+    x = spread(x, n)
+    if steady(contact):
+        first = jnp.where(step > 0, 0.0, x[0])
+        return History(jnp.ones(n, bool), jnp.arange(n) == 0, x - later(x, 1, first), spread(first, n))
+    on = spread(jnp.asarray(contact) > 0, n)
+    fresh = on & ~later(on, 1, False)
+    start = latest(fresh)
+    very_first = start == jnp.argmax(fresh)
+    first = jnp.where(on, jnp.where(very_first & (step > 0), 0.0, x[start]), 0.0)
+    d = jnp.where(on, x - jnp.where(fresh, first, later(x, 1)), 0.0)
+    return History(on, fresh, d, first)
+
+
+def maxwell_arms(b, p, s, x, run):
+    h = history(x[0], x[1], p.step, run.n)
+    if steady(x[1]):
+        return bank(p.e, p.r, h.d, run.dtype)
+    return _scan_bank(p.e, p.r, h, run.dtype)
+
+
+def _scan_bank(e, r, h, dtype):
+    """``bank`` from rest at each contact: a loop over samples."""
+    a, r = jnp.asarray(1 - e, dtype), jnp.asarray(r, dtype)
+
+    def body(q, row):
+        on, fresh, d = row
+        q = jnp.where(on, d + jnp.where(fresh, 0.0, a * q), 0.0)
+        return q, jnp.sum(r * q)
+
+    return lax.scan(body, jnp.zeros(e.size, dtype), (h.on, h.fresh, h.d.astype(dtype)))[1]
+
+
+def kelvin_chain(b, p, s, x, run):
+    f = spread(x[0], run.n)
+    return bank(p.e, p.r, later(f, 1), run.dtype) + p.d * f
+
+
+# Springpots ----------------------------------------------------------------------------------------------------------
+class Weights(NamedTuple):
+    """Of a springpot of one order."""
+
+    r: Any  # of the modes
+    taps: Any  # v_7 .. v_0
+    constant: Any  # of the mode that never decays
+    scale: Any  # fs^alpha
+
+
+def springpot(b, p, s, x, run):
+    h = history(x[0], x[1], p.step, run.n)
+    if p.alpha in (0.0, 1.0):
+        return jnp.where(h.on, h.d * p.fs if p.alpha else spread(x[0], run.n) - h.first, 0.0)
+    w = Weights(p.r, p.taps, p.constant, p.scale)
+    return whole_history(p.e, w, h, x[0], run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
+
+
+def whole_history(e: np.ndarray, w: Weights, h: History, x: Any, run: Run) -> Any:
+    """Sum over all movements: eight taps, and the modes eight samples later."""
+    near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
+    constant = w.constant * later(spread(x, run.n) - h.first, 8)
+    return w.scale * (near + constant + bank(e, w.r, later(h.d, 8), run.dtype))
+
+
+def springpot_live(b, p, s, x, run):
+    """The modes do not depend on the order; their weights do."""
+    alpha = jnp.asarray(x[1])
+    alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
+    h = history(x[0], x[2], p.step, run.n)
+    if steady(x[2]) and not jnp.ndim(alpha):
+        y = whole_history(p.e, weights(p, alpha), h, x[0], run)
+    else:
+        y = _scan_history(p.e, lambda a: weights(p, a), alpha, h, run)
+    ends = jnp.where(alpha > 0.5, h.d * p.fs, spread(x[0], run.n) - h.first)
+    exact = jnp.where((alpha == 0) | (alpha == 1), ends, y)
+    y = y + lax.stop_gradient(exact - y)  # the order's derivative is that of the sum, also at 0 and 1
+    return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
+
+
+def weights(p: pot.LiveParams, alpha: Any) -> Weights:
+    """``fractional.reweigh``, all modes at once."""
+    n, m = pot.COEFFICIENTS, int(p.nodes)
+    t, left = 2.0 * alpha - 1.0, 1.0 - alpha
+    chebyshev, power, poly = traced.bind(pot.chebyshev), traced.bind(pot.power), jnp.asarray(p.poly)
+    gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, left, alpha)) / math.pi
+    g = jnp.concatenate([left * chebyshev(poly, n * np.arange(m), n, t), jnp.broadcast_to(gain, (p.a.size - m,))])
+    r = g * p.a * power(alpha, p.high, p.rest)
+    taps = chebyshev(poly, n * (m + np.arange(7, -1, -1)), n, t) * jnp.concatenate([jnp.broadcast_to(left, (7,)), jnp.ones(1)])
+    return Weights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
+
+
+def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
+    """``whole_history`` from rest at each contact, for an order that may change: a loop over samples."""
+    a = jnp.asarray(1 - e)
+    moving = jnp.ndim(alpha) > 0
+
+    def body(state, row):
+        line, q, total = state
+        on, fresh, d, order = row
+        line = jnp.concatenate([jnp.where(fresh, 0.0, line), d[None]])
+        q = jnp.where(fresh, 0.0, a * q) + line[0]
+        total = jnp.where(fresh, 0.0, total) + line[0]
+        w = weigh(order if moving else alpha)
+        y = w.scale * (jnp.sum(w.taps * line[1:]) + w.constant * total + jnp.sum(w.r * q))
+        keep = [jnp.where(on, v, 0.0) for v in (line[1:], q, total)]
+        return (keep[0], keep[1], keep[2]), jnp.where(on, y, 0.0)
+
+    start = jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())
+    return lax.scan(body, start, (h.on, h.fresh, h.d, spread(alpha, run.n)))[1]
+
+
+def series(b, p, s, x, run):
+    """A loop over samples: the inner displacement is found at each."""
+    y, on = spread(x[0], run.n), spread(jnp.asarray(x[1]) > 0, run.n)
+    fresh = on & ~later(on, 1, False)
+    a = jnp.asarray(1 - p.e)
+
+    def body(state, row):
+        line, q, total, last = state  # movements of the springpot, its modes, its way until 8 samples ago; y and z before
+        on, fresh, y = row
+        line, q, total = (jnp.where(fresh, 0.0, v) for v in (line, q, total))
+        last = jnp.where(fresh, y, last)
+        q, total = a * q + line[0], total + line[0]
+        rest = jnp.sum(p.taps[:7] * line[1:]) + p.constant * total + jnp.sum(p.r * q)
+        u = y - jnp.where(p.dashpot > 0, last[0], last[1])
+        step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
+        out = (jnp.concatenate([line[1:], step[None]]), q, total, jnp.stack([y, last[1] + step]))
+        f = jnp.where(on, p.pot * (p.newest * step + rest), 0.0)
+        return tuple(jnp.where(on, v, 0.0) for v in out), f
+
+    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(2)
+    return lax.scan(body, start, (on, fresh, y))[1]
+
+
+def short_memory(b, p, s, x, run):
+    h = history(x[0], x[1], p.step, run.n)
+    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    if steady(x[1]):
+        return taps_tiles(p.taps[::-1], z, run.dtype)
+    taps = jnp.asarray(p.taps)
+
+    def body(line, row):
+        on, fresh, z = row
+        line = jnp.concatenate([jnp.where(fresh, 0.0, line), z[None]])
+        return jnp.where(on, line[1:], 0.0), jnp.where(on, jnp.sum(taps * line), 0.0)
+
+    return lax.scan(body, jnp.zeros(p.taps.size - 1), (h.on, h.fresh, z))[1]
+
+
+def downsampled(b, p, s, x, run):
+    """Every m-th sample back to contact, one weight at a time."""
+    h = history(x[0], x[1], p.step, run.n)
+    i = jnp.arange(run.n)
+    k = i - latest(h.fresh)
+    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    m = jnp.maximum((k + pot.POINTS - 1) // pot.POINTS, 1)
+
+    def body(total, jw):
+        j, w = jw
+        inside = j * m <= k
+        return total + jnp.where(inside, w * z[jnp.where(inside, i - j * m, 0)], 0.0), None
+
+    total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[0]
+    y = p.scale * jnp.exp(-p.alpha * jnp.log(m.astype(jnp.float64))) * total
+    return jnp.where(h.on, jnp.where(k < s.past.size, y, jnp.nan), 0.0)
+
+
+# Carrier -------------------------------------------------------------------------------------------------------------
+TOP_BITS = U(0xFFFFFFFFF8000000)
+
+
+def lost(a: Any, b: Any) -> Any:
+    """What rounding takes from the product a b, exactly: halves of 26 bits, whose products round no more."""
+    split = traced.bits
+    high = [traced.unbits(split(jnp.asarray(v, jnp.float64)) & TOP_BITS) for v in (a, b)]
+    low = [v - h for v, h in zip((a, b), high, strict=True)]
+    return ((high[0] * high[1] - a * b) + (high[0] * low[1] + low[0] * high[1])) + low[0] * low[1]
+
+
+def increment(p: Any, g: Any) -> Any:
+    """``carrier.increment`` of a frequency within 0 .. fs/2."""
+    main = g * p.high
+    whole = jnp.floor(main)
+    rest = jnp.floor((main - whole) + (g * p.low + lost(g, p.high)) + 0.5)
+    return whole.astype(jnp.uint64) + rest.astype(jnp.int64).astype(jnp.uint64)
+
+
+def carrier(b, p, s, x, run):
+    """Whole-number phases as on any target; the derivative is that of the sum of the frequencies."""
+    f, contact = x
+    count = jnp.maximum(jnp.arange(run.n) - int(s.wait), 0)  # samples that have moved the phase
+    held = jnp.where(f > 0, jnp.where(f < p.top, f, p.top), 0.0)
+    turns = held / run.fs  # per sample
+    inc = lax.stop_gradient(increment(p, held))
+    if jnp.ndim(f):
+        counts = jnp.arange(run.n) >= int(s.wait)
+        phase = running(jnp.where(counts, inc, U(0)))
+        way = running(jnp.where(counts, turns, 0.0))
+    else:
+        phase = count.astype(jnp.uint64) * inc
+        way = count * turns
+    x0 = phase + jnp.asarray(s.phase, jnp.uint64)
+
+    def sound(f, way, turns, contact):
+        rising = (x0 + QUARTER) >> U(63) == 0
+        t = traced.bind(fold)(x0) + jnp.where(rising, 2.0, -2.0) * (way - lax.stop_gradient(way))
+        q = traced.as_float(inc) * WORD + (turns - lax.stop_gradient(turns))
+        half = traced.bind(sinpi)(jnp.where(q > 0, q, 0.5))  # at 0 Hz no sample lies over a zero crossing
+        y = traced.bind(rectified)(p.mode, t, q, 1.0 / half)
+        return jnp.where(contact > 0, jnp.where(f - f == 0, y, f - f), 0.0)
+
+    return traced.run(sound, jnp.asarray(f), way, turns, jnp.asarray(contact))
+
+
+LOWERINGS: dict[type[Block], Callable] = {
+    noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
+    Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
+    MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
+    pot.Springpot: springpot, pot.SpringpotLive: springpot_live, pot.Downsampled: downsampled, pot.ShortMemory: short_memory,
+}  # fmt: skip

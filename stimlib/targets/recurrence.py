@@ -1,0 +1,213 @@
+"""Recursions over whole signals: which part of a step's state is a delay, which is linear, and which must be scanned.
+
+``run_step`` looks at a step once.  State that the old state does not enter is the input, one sample later.  State whose
+update is affine, s' = M s + v with M and v known beforehand, is solved in blocks (``affine``): the time axis becomes two, each
+about the square root as long.  Only what is left is a loop over samples.  So a step needs nothing but its definition.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend import core
+
+from ..errors import SceneError
+from . import traced
+
+FREE, LINEAR, CURVED = 0, 1, 2  # how a value depends on a state
+SHORT = 64  # recursions up to this length are plain loops
+_PASSIVE = {
+    "neg",
+    "convert_element_type",
+    "copy",
+    "broadcast_in_dim",
+    "reshape",
+    "squeeze",
+    "add_any",
+    "add",
+    "sub",
+    "stop_gradient",
+}
+
+
+# Looking at a step ---------------------------------------------------------------------------------------------------
+def degrees(jaxpr: Any, given: list[int]) -> list[int]:
+    """FREE, LINEAR or CURVED for each output, from that of each input."""
+    env = dict(zip(jaxpr.invars, given, strict=True))
+
+    def read(v):
+        return FREE if isinstance(v, core.Literal) else env.get(v, FREE)
+
+    for e in jaxpr.eqns:
+        x = [read(v) for v in e.invars]
+        name, inner = e.primitive.name, traced.body_of(e)
+        if inner is not None:
+            out = degrees(inner.jaxpr, x)
+        elif not any(x):
+            out = [FREE] * len(e.outvars)
+        elif name in _PASSIVE:
+            out = [max(x)]
+        elif name == "mul":
+            out = [min(sum(x), CURVED)]
+        elif (name == "div" and not x[1]) or (name == "select_n" and not x[0]):
+            out = [max(x)]
+        else:
+            out = [CURVED] * len(e.outvars)
+        env.update(zip(e.outvars, out, strict=True))
+    return [read(v) for v in jaxpr.outvars]
+
+
+def groups(depends: np.ndarray) -> list[list[int]]:
+    """States that depend on each other, together; each group after those it depends on.  depends[i, j]: i needs j."""
+    n = len(depends)
+    reach = depends.copy()
+    for k in range(n):
+        reach |= reach[:, k : k + 1] & reach[k : k + 1, :]
+    left, out = list(range(n)), []
+    while left:
+        i = next(i for i in left if not any(reach[i, j] and not reach[j, i] for j in left))
+        out.append([j for j in left if j == i or (reach[i, j] and reach[j, i])])
+        left = [j for j in left if j not in out[-1]]
+    return out
+
+
+def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
+    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them.
+
+    first is a NamedTuple of scalars; x are arrays (n,) or scalars.
+    """
+    f, p = traced.bind(step), traced.on_arrays(p)
+    if not len(first):
+        return traced.run(lambda *x: f(p, (), *x)[0], *x)
+    if any(np.ndim(v) for v in first):
+        raise SceneError(f"{step.__qualname__} keeps an array as state: it needs a lowering of its own for JAX")
+    make = type(first)
+    s0 = [jnp.asarray(v) for v in first]
+
+    def update(s, x):
+        return [jnp.asarray(v).astype(o.dtype) for v, o in zip(f(p, make(*s), *x)[1], s0, strict=True)]
+
+    scalars = [jnp.zeros((), v.dtype) for v in map(jnp.asarray, x)]
+    jaxpr = jax.make_jaxpr(update)(s0, scalars).jaxpr
+    k = len(s0)
+
+    def degree(of: list[int]) -> list[int]:
+        return degrees(jaxpr, [LINEAR if j in of else FREE for j in range(k)] + [FREE] * len(x))
+
+    depends = np.array([degree([j]) for j in range(k)]).T > FREE
+    s: list[Any] = list(s0)
+    for group in groups(depends):
+        known = [j for j in range(k) if j not in group]
+
+        def part(sg, sk, x, group=group, known=known):
+            full = dict(zip(group, sg, strict=True)) | dict(zip(known, sk, strict=True))
+            new = traced.run(update, [full[j] for j in range(k)], x)
+            return [new[j] for j in group]
+
+        start, others = [s0[j] for j in group], [s[j] for j in known]
+        if not depends[np.ix_(group, group)].any():
+            new = part(start, others, x)
+            series = [_later(a, b, n) for a, b in zip(start, new, strict=True)]
+        elif max(np.array(degree(group))[group]) == LINEAR and all(jnp.issubdtype(v.dtype, jnp.floating) for v in start):
+            series = _affine_part(part, start, others, x, n)
+        else:
+            series = _scan_part(part, start, others, x, n)
+        for j, v in zip(group, series, strict=True):
+            s[j] = v
+    return traced.run(lambda s, x: f(p, make(*s), *x)[0], s, x)
+
+
+def _later(first: Any, new: Any, n: int) -> Any:
+    """The state before each sample, from the state after each."""
+    return jnp.concatenate([first[None], jnp.broadcast_to(new, (n,))[: n - 1]])
+
+
+def _scan_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
+    """Sample by sample."""
+    flat, tree = jax.tree.flatten((others, x))
+    moving = [i for i, v in enumerate(flat) if jnp.ndim(v)]
+
+    def body(s, row):
+        here = list(flat)
+        for i, v in zip(moving, row, strict=True):
+            here[i] = v
+        o, x = jax.tree.unflatten(tree, here)
+        return part(s, o, x), s
+
+    return lax.scan(body, start, [flat[i] for i in moving], length=n)[1]
+
+
+def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
+    """s' = M s + v: M column by column as derivatives, which are exact; v at s = 0."""
+    k = len(start)
+    zero = [jnp.zeros_like(v) for v in start]
+
+    def column(j, others, x):
+        unit = [jnp.ones_like(v) if i == j else jnp.zeros_like(v) for i, v in enumerate(start)]
+        return jax.jvp(lambda s: part(s, others, x), (zero,), (unit,))[1]
+
+    def matrix(others, x):
+        return [column(j, others, x) for j in range(k)]
+
+    flat, tree = jax.tree.flatten((others, x))
+    scalar = [jnp.zeros((), jnp.asarray(v).dtype) for v in flat]
+    jaxpr = jax.make_jaxpr(lambda *a: matrix(*jax.tree.unflatten(tree, a)))(*scalar).jaxpr
+    steady = all(
+        not any(degrees(jaxpr, [LINEAR if i == j else FREE for i in range(len(flat))])) for j, v in enumerate(flat) if jnp.ndim(v)
+    )
+    v = jnp.stack([jnp.broadcast_to(a, (n,)) for a in part(zero, others, x)], axis=-1)
+    shape = () if steady else (n,)
+    here = [z if jnp.ndim(a) else a for a, z in zip(flat, scalar, strict=True)] if steady else flat
+    columns = matrix(*jax.tree.unflatten(tree, here))
+    M = jnp.stack([jnp.stack([jnp.broadcast_to(a, shape) for a in c], axis=-1) for c in columns], axis=-1)
+    s = affine(M, v, jnp.stack(start))
+    return [s[:, j] for j in range(k)]
+
+
+# Solving -------------------------------------------------------------------------------------------------------------
+def affine(M: Any, v: Any, first: Any) -> Any:
+    """States s[0..n-1] before each update of s' = M s + v.
+
+    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.
+    """
+    n, k = v.shape
+    if n <= SHORT:
+        steps = (jnp.broadcast_to(M, (n, k, k)), v)
+        return lax.scan(lambda s, q: (_apply(q[0], s) + q[1], s), first, steps)[1]
+    m = math.isqrt(n)  # of blocks
+    length = -(-n // m)
+    v = jnp.pad(v, ((0, length * m - n), (0, 0))).reshape(m, length, k).swapaxes(0, 1)
+    if M.ndim == 2:
+
+        def along(c, v):
+            P, q = c
+            return (_times(M, P), _apply(M, q) + v), c
+
+        (P, q), (Ps, qs) = lax.scan(along, (jnp.eye(k, dtype=v.dtype), jnp.zeros((m, k), v.dtype)), v)
+        Ps = Ps[:, None]
+    else:
+        M = jnp.pad(M, ((0, length * m - n), (0, 0), (0, 0))).reshape(m, length, k, k).swapaxes(0, 1)
+
+        def along_each(c, Mv):
+            P, q = c
+            return (_times(Mv[0], P), _apply(Mv[0], q) + Mv[1]), c
+
+        one = jnp.broadcast_to(jnp.eye(k, dtype=v.dtype), (m, k, k))
+        (P, q), (Ps, qs) = lax.scan(along_each, (one, jnp.zeros((m, k), v.dtype)), (M, v))
+    starts = affine(P, q, first)  # of the blocks
+    return (_apply(Ps, starts) + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
+
+
+def _apply(M: Any, s: Any) -> Any:
+    """M s over the last axes, as sums of products: for one or two states a matrix product costs more."""
+    return sum(M[..., :, j] * s[..., j : j + 1] for j in range(s.shape[-1]))
+
+
+def _times(A: Any, B: Any) -> Any:
+    return jnp.stack([_apply(A, B[..., :, j]) for j in range(B.shape[-1])], axis=-1)

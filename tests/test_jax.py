@@ -1,0 +1,369 @@
+"""Law 4: the JAX target equals the reference given the same gates, and its gradients match central differences."""
+
+import warnings
+from dataclasses import dataclass
+
+import contract
+import jax
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, maths, scenes
+from stimlib import blocks as b
+from stimlib.checks.agreement import agreement
+from stimlib.graph import registry
+from stimlib.maths import where
+from stimlib.targets import blockforms, recurrence, traced
+
+TABLE = {e.name: e for e in contract.TABLE}
+N = 3000
+
+
+def drive(e, n, fs):
+    return dict(zip(e.inputs, e.x(n, fs), strict=True))
+
+
+# Every block ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", TABLE)
+def test_every_block_equals_the_reference(name):
+    e = TABLE[name]
+    a = agreement(e.scene(), drive(e, N, e.rates[0]), e.rates[0], n=N, params={"live": -0.7})
+    assert a.worst < 1e-12, a
+    assert a.differences == 0, a
+
+
+def test_every_class_has_a_lowering_or_a_step_of_numbers():
+    for name, cls in registry.items():
+        if not cls.__module__.startswith("stimlib"):
+            continue
+        owns = any(c in blockforms.LOWERINGS for c in cls.__mro__)
+        assert owns or cls.step is not None or name in ("Input", "Const", "Param", "Enabled"), name
+
+
+EDGES = {  # whose output jumps where an input passes a place: the derivative is that of the parts in between
+    "greater", "at_least", "where", "nonzero", "gate", "loading", "bump_point", "bump_point_sine", "lut_two", "enabled",
+}  # fmt: skip
+
+
+def smooth(e):
+    return e.inputs and e.name not in EDGES and "enabled" not in e.name
+
+
+@pytest.mark.parametrize("name", [e.name for e in contract.TABLE if smooth(e)])
+def test_derivatives_along_the_inputs(name):
+    """Forwards, backwards and as a difference, in a direction that leaves contact alone; off the kinks, where inputs tie."""
+    e, n, h = TABLE[name], 500, 1e-7
+    f = stimlib.compile(Scene({"y": e.block()}), e.rates[0], "jax")
+    x = e.x(n, e.rates[0])[[e.inputs.index(i) for i in f.inputs]]
+    rng = np.random.default_rng(5)
+    size = np.array([0.0 if len(np.unique(row)) < 4 else np.abs(row).max() for row in x])[:, None]
+    x = x + 1e-2 * size * rng.standard_normal(x.shape)
+    v, w = size * rng.standard_normal(x.shape), rng.standard_normal(n)
+    with jax.enable_x64(True):
+
+        def total(x):
+            return f(None, x)["y"] @ w
+
+        forward = float(jax.jit(lambda x, v: jax.jvp(total, (x,), (v,))[1])(x, v))
+        backward = float(np.sum(np.asarray(jax.jit(jax.grad(total))(x)) * v))
+    y = {k: np.asarray(f(None, x + k * h * v)["y"], np.longdouble) @ w for k in (-2, -1, 0, 1, 2)}
+    central = float(y[-2] - 8 * y[-1] + 8 * y[1] - y[2]) / (12 * h)
+    scale = max(abs(forward), 1e-3 * float(np.abs(w).sum() * np.abs(np.asarray(f(None, x)["y"])).max()))
+    assert abs(forward - backward) < 1e-9 * scale
+    assert abs(forward - central) < 1e-5 * scale
+
+
+# Every scene ---------------------------------------------------------------------------------------------------------
+def strokes(n, fs, rate=0.7, depth=0.02):
+    t = np.arange(n) / fs
+    return np.round(1e6 * depth * (1 - np.cos(2 * np.pi * rate * t))) * 1e-6
+
+
+def touches(n, fs):
+    return np.where(np.sin(2 * np.pi * 1.3 * np.arange(n) / fs) > -0.4, 1.0, 0.0)
+
+
+@dataclass
+class Case:
+    scene: Scene
+    fs: float
+
+    def motion(self, seconds=1.0):
+        n = int(seconds * self.fs)
+        return {
+            name: touches(n, self.fs) if name == "contact" else strokes(n, self.fs, 0.7 + 0.2 * i)
+            for i, name in enumerate(stimlib.compile(self.scene, self.fs).inputs)
+        }
+
+
+def live_springpot(contact=None):
+    y = Input("y", "m")
+    return Scene({"f": b.springpot(y, Param("chi", 120.0), Param("alpha", 0.4), contact=contact)})
+
+
+CASES = {
+    "squeeze": Case(scenes.squeeze(), 8000.0),
+    "squeeze_48k": Case(scenes.squeeze(fingers=1), 48000.0),
+    "squeeze_contact": Case(scenes.squeeze(contact=True), 8000.0),
+    "squeeze_limits": Case(scenes.squeeze(limits=True, motor_constant=10.0), 8000.0),
+    "viscoelastic": Case(scenes.viscoelastic(), 1000.0),
+    "viscoelastic_contact": Case(scenes.viscoelastic(0.25, contact=True), 1000.0),
+    "bumps": Case(scenes.bumps(), 8000.0),
+    "bumps_sine": Case(scenes.bumps("sine", bumps=18, duty=0.8), 8000.0),
+    "bumps_sawtooth_contact": Case(scenes.bumps("sawtooth", contact=True), 8000.0),
+    "springpot": Case(live_springpot(), 1000.0),
+    "springpot_contact": Case(live_springpot(Input("contact")), 1000.0),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("dtype", "tol"), [("float64", 1e-12), ("float32", 1e-5)])
+def test_every_scene_equals_the_reference(name, dtype, tol):
+    c = CASES[name]
+    a = agreement(c.scene, c.motion(), c.fs, dtype=dtype, seed=3)
+    assert a.worst < tol, a
+    assert a.differences == 0, a
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradient_with_respect_to_every_live_number(name):
+    c = CASES[name]
+    f = stimlib.compile(c.scene, c.fs, "jax")
+    motion = c.motion(0.25)
+    rng = np.random.default_rng(1)
+    weights = {name: rng.standard_normal(len(next(iter(motion.values())))) for name in f.outputs}
+
+    def total(params):
+        y = f(params, motion)
+        return sum((y[name] * w).sum() for name, w in weights.items())
+
+    with jax.enable_x64(True):
+        got = jax.jit(jax.grad(total))(f.params)
+        fast = jax.jit(total)
+        for p, value in f.params.items():
+            h = 1e-7 * abs(value)  # short: a carrier has kinks where it is rectified
+            d = [float(fast(f.params | {p: value + k * h})) for k in (-2, -1, 1, 2)]
+            central = (d[0] - 8 * d[1] + 8 * d[2] - d[3]) / (12 * h)
+            assert central != 0
+            assert abs(float(got[p]) - central) < 1e-5 * abs(central), p
+
+
+def test_the_order_has_a_derivative_at_both_ends():
+    y = np.cumsum(np.random.default_rng(0).standard_normal(400)) * 1e-3
+    f = stimlib.compile(live_springpot(), 1000.0, "jax")
+    with jax.enable_x64(True):
+        grad = jax.jit(jax.grad(lambda a: (f({"alpha": a}, {"y": y})["f"] ** 2).sum()))
+        inner = [float(grad(a)) for a in (1e-4, 1 - 1e-4)]
+        ends = [float(grad(a)) for a in (0.0, 1.0)]
+    assert np.allclose(ends, inner, rtol=0.02) and np.all(np.isfinite(ends))
+
+
+# Noise, gates, clocks ------------------------------------------------------------------------------------------------
+def test_integers_of_noise_are_the_same():
+    key = np.uint64(0x1234_5678_9ABC_DEF0)
+    m = np.array([0, 1, 2, 2**31, 2**32, 2**63 - 1], np.uint64)
+    with jax.enable_x64(True):
+        got = [np.asarray(v) for v in blockforms.integers(jax.numpy.asarray(key), jax.numpy.asarray(m))]
+    with np.errstate(over="ignore"):
+        wanted = np.array([stimlib.blocks.noise.pair_of_words(key, v) for v in m], np.uint64).T
+    assert np.array_equal(got, wanted)
+
+
+def test_seeds_give_the_runs_that_they_give_elsewhere():
+    scene = Scene({"y": b.pink_noise(psd_1hz=1.0, seed=5)})
+    f = stimlib.compile(scene, 8000, "jax")
+    for seed in (0, 1, 2**64 - 1):
+        wanted = stimlib.compile(scene, 8000, seed=seed).process(np.empty((0, 500)))[0]
+        assert np.allclose(f(key=seed, n=500)["y"], wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("fs", [8000.0, 11025.0])
+def test_gates_within_gates_that_nothing_drives(fs):
+    """Both clocks run before sample 0; 11025 Hz has an odd lead."""
+    tone = b.enabled(b.pink_noise(1.0, seed=1), by=b.carrier(40.0))
+    scene = Scene(
+        {"y": b.enabled(tone + b.white_noise(seed=2), by=b.carrier(7.0)), "z": b.enabled(b.white_noise(3), by=b.carrier(9.0))}
+    )
+    a = agreement(scene, {}, fs, n=4000)
+    assert a.worst < 1e-12
+
+
+def test_decisions_can_be_given():
+    scene = scenes.squeeze(fingers=1)
+    f = stimlib.compile(scene, 8000, "jax")
+    x = {"x1": strokes(4000, 8000)}
+    assert len(f.gates) == 2  # the loading gate, and whether the noise is enabled
+    assert set(f.decisions(None, x)) == {"force1", *f.gates}
+    closed = f(None, x, gates={f.gates[1]: np.zeros(4000)})["force1"]
+    assert np.allclose(closed, 2000 * x["x1"], rtol=1e-15)
+    assert np.asarray(f.decisions(None, x)[f.gates[0]]).mean() > 0.3
+
+
+def test_a_live_number_may_be_a_row():
+    """One value per sample, as a ramp of Processor.set makes them; inside a gate it is gathered onto the gate's clock."""
+    n, fs = 2000, 8000.0
+    A = Param("A", 1.0)
+    scene = Scene({"y": A * Input("x"), "z": b.enabled(A * b.white_noise(1), by=Input("x"))})
+    x = np.random.default_rng(0).standard_normal(n)
+    proc = stimlib.compile(scene, fs)
+    proc.set("A", 2.0, ramp=0.1)
+    wanted = dict(zip(proc.outputs, proc.process(x[None]), strict=True))
+    ramp = np.minimum(1 + np.arange(1, n + 1) / 800, 2.0)
+    got = stimlib.compile(scene, fs, "jax")({"A": ramp}, {"x": x})
+    for name in wanted:
+        assert np.allclose(got[name], wanted[name], rtol=1e-12, atol=1e-13)
+
+
+def test_a_fault_fades():
+    scene = Scene({"y": Input("x")})
+    x = np.ones(1000)
+    x[300] = np.nan
+    wanted = stimlib.compile(scene, 8000).process(x[None])[0]
+    assert np.allclose(stimlib.compile(scene, 8000, "jax")(None, {"x": x})["y"], wanted, rtol=1e-15)
+
+
+def test_a_gate_may_borrow_the_derivative_of_a_smooth_one():
+    v, w = Input("v", "m/s"), Param("w", 0.15, "m/s")
+    scene = Scene({"g": b.loading(v - w, on=0.02, off=0.01), "c": v > w})
+    x = np.linspace(0, 0.3, 300)
+    hard, soft = stimlib.compile(scene, 1000, "jax"), stimlib.compile(scene, 1000, "jax", surrogate=0.5)
+    for name in ("g", "c"):
+        assert np.array_equal(hard(None, {"v": x})[name], soft(None, {"v": x})[name])
+
+        def slope(f, name=name):
+            with jax.enable_x64(True):
+                return float(jax.grad(lambda p: f(p, {"v": x})[name].sum())(f.params)["w"])
+
+        assert slope(hard) == 0.0
+        assert slope(soft) < -50  # it opens later: fewer samples
+
+
+# Batches -------------------------------------------------------------------------------------------------------------
+def test_batches_of_parameters_keys_and_motions():
+    f = stimlib.compile(scenes.squeeze(fingers=1), 8000, "jax")
+    x = np.stack([strokes(800, 8000, r) for r in (1.0, 2.0, 3.0)])
+    params = {"k": np.array([100.0, 200.0, 300.0]), "A": np.array([0.0, 1.0, 2.0])}
+    keys = np.arange(3, dtype=np.uint64)
+    with jax.enable_x64(True):
+        got = jax.vmap(lambda p, x, key: f(p, {"x1": x}, key))(params, x, keys)["force1"]
+    for i in range(3):
+        alone = f({k: v[i] for k, v in params.items()}, {"x1": x[i]}, int(keys[i]))["force1"]
+        assert np.allclose(got[i], alone, rtol=0, atol=1e-13 * np.abs(alone).max())
+
+
+# Blocks of others ----------------------------------------------------------------------------------------------------
+def test_a_step_is_taken_apart():
+    """Delay, linear recursion, curved recursion: each found from the step alone."""
+    from typing import NamedTuple
+
+    class S(NamedTuple):
+        a: float  # the last input
+        b: float  # b + 0.1 (x - b)
+        c: float  # the largest b
+
+    def step(p, s, x):
+        after = s.b + 0.1 * (x - s.b)
+        top = where(after > s.c, after, s.c)
+        return top + s.a, S(x, after, top)
+
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(500)
+    s, wanted = S(0.0, 0.0, 0.0), []
+    for v in x:
+        y, s = step((), s, v)
+        wanted.append(y)
+    with jax.enable_x64(True):
+        got = recurrence.run_step(step, (), S(0.0, 0.0, 0.0), [jax.numpy.asarray(x)], 500)
+    assert np.allclose(got, wanted, rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 63, 64, 65, 1000, 20000])
+@pytest.mark.parametrize("moving", [False, True])
+def test_affine_recursions(n, moving):
+    rng = np.random.default_rng(n)
+    M = rng.uniform(-0.7, 0.7, (n, 2, 2) if moving else (2, 2))
+    v, s = rng.standard_normal((n, 2)), rng.standard_normal(2)
+    wanted = np.empty((n, 2))
+    with jax.enable_x64(True):
+        got = np.asarray(recurrence.affine(jax.numpy.asarray(M), jax.numpy.asarray(v), jax.numpy.asarray(s)))
+    for i in range(n):
+        wanted[i] = s
+        s = (M[i] if moving else M) @ s + v[i]
+    assert np.allclose(got, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_every_name_of_maths_has_a_twin():
+    of_arrays = {"fir", "modes", "memory", "copy", "words"}
+    names = {n for n, v in vars(maths).items() if callable(v) and getattr(v, "__module__", "") == maths.__name__ and n[0] != "_"}
+    assert names - of_arrays == set(traced.TWINS)
+
+
+# What is refused -----------------------------------------------------------------------------------------------------
+def test_32_bit_mode_is_never_silent():
+    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x")}), 1000, "jax")
+    with jax.enable_x64(False), pytest.raises(BadValue, match="enable_x64"):
+        jax.grad(lambda k: f({"k": k}, {"x": np.ones(3)})["y"].sum())(1.0)
+    assert f(None, {"x": np.array([0.1])})["y"].dtype == np.float64  # on its own it sees to that itself
+    assert not jax.config.read("jax_enable_x64")
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (dict(params={"b": 1.0}), UnknownName, "no live number 'b'; this scene has k"),
+        (dict(motion={"x": np.ones(3), "z": np.ones(3)}), UnknownName, "no input 'z'"),
+        (dict(motion={}), UnknownName, "lacks the input 'x'"),
+        (dict(motion=np.ones((2, 3))), BadValue, r"array \(1, n\)"),
+        (dict(params={"k": np.ones(4)}), BadValue, "one length"),
+        (dict(gates={"g": np.ones(3)}), UnknownName, "no gate 'g'"),
+        (dict(key=-1), BadValue, "key = -1"),
+        (dict(key=0.5), BadValue, "key = 0.5"),
+    ],
+)
+def test_bad_calls(call, error, text):
+    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x")}), 1000, "jax")
+    with pytest.raises(error, match=text):
+        f(**{"motion": {"x": np.ones(3)}, **call})
+
+
+def test_bad_options():
+    scene = Scene({"y": 2 * Input("x")})
+    with pytest.raises(BadValue, match="float64, float32"):
+        stimlib.compile(scene, 1000, "jax", dtype="float16")
+    with pytest.raises(BadValue, match="surrogate"):
+        stimlib.compile(scene, 1000, "jax", surrogate=0.0)
+    with pytest.raises(BadValue, match="only target='jax'"):
+        stimlib.compile(scene, 1000, dtype="float32")
+    with pytest.raises(BadValue, match="stimlib.compile"):
+        stimlib.Processor(scene, 1000, "jax")
+    with pytest.raises(BadValue, match="fs = -1"):
+        stimlib.compile(scene, -1, "jax")
+
+
+def test_a_block_that_owns_an_array_needs_a_lowering():
+    from stimlib.blocks.delay import Delay
+
+    with pytest.raises(SceneError, match="array as state"):
+        recurrence.run_step(Delay.step, *Delay(Input("x"), 3, None).design(1000.0), [np.ones(5)], 5)
+
+
+# A GPU, where there is one -------------------------------------------------------------------------------------------
+def gpu():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return jax.devices("gpu")[0]
+        except RuntimeError:
+            return None
+
+
+@pytest.mark.parametrize("name", ["squeeze", "viscoelastic", "bumps_sine"])
+@pytest.mark.parametrize(("dtype", "tol"), [("float64", 1e-12), ("float32", 1e-5)])
+def test_on_a_gpu(name, dtype, tol):
+    device = gpu()
+    if device is None:
+        pytest.skip("JAX sees no GPU here")
+    with jax.default_device(device):
+        a = agreement(CASES[name].scene, CASES[name].motion(), CASES[name].fs, dtype=dtype)
+    assert a.worst < tol, a
