@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-HEAVY = ("numba", "jax", "scipy", "pint", "matplotlib", "soundfile", "llvmlite", "rich", "typer")
+HEAVY = ("numba", "jax", "scipy", "pint", "matplotlib", "soundfile", "llvmlite", "rich", "typer", "jack", "sounddevice")
 
 WITH_UNITS = {"pint", "scipy"}  # pint itself loads scipy where there is one
 

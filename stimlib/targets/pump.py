@@ -25,6 +25,7 @@ F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)  # frames of a block a
 # the device: addresses of its buffers, floats from frame to frame; functions of the system
 OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
 CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
+RATE, CALLS = range(80, 82)  # PortAudio: frames per second (bits of a float), blocks so far
 WORDS = 96
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
@@ -410,9 +411,13 @@ def jack_freewheel(starting, c):
     store(c, WAIT, 1000000 if starting else 0)
 
 
-@cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
-def portaudio(source, out, n, time, flags, c):
-    """A PaStreamCallback for interleaved float32; userData is the context."""
+@njit(error_model="numpy")
+def portaudio_block(c, source, out, n, dac, flags):
+    """A block of PortAudio: interleaved frames at ``source`` and ``out``, and the time in s at which its first is heard.
+
+    PortAudio tells that frames were skipped, not how many: that is how much later than expected the block is heard, in whole
+    blocks (its clock is not exact).
+    """
     outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
     for j in range(c[CHANNELS]):
         outs[j] = out + 4 * j
@@ -420,7 +425,22 @@ def portaudio(source, out, n, time, flags, c):
         c[CONNECTED] = types.int64(source != 0)
         for a in range(c[N_IN]):
             ins[a] = source + 4 * a if source != 0 else 0
-    pump(c, types.int64(n), 0)
+    lost, before, was = 0, c[UNDERRUNS], c[WAS]
+    underflow = flags & 4 != 0 and c[CALLS] > 0
+    if underflow and dac > 0.0:
+        late = (dac - float_of(c[EXPECTED])) * float_of(c[RATE])
+        lost = n * types.int64(round(min(max(late, 0.0), 1e9) / n))
+    c[EXPECTED] = bits_of(dac + n / float_of(c[RATE]))
+    pump(c, n, lost)
+    if underflow and was == RUNNING and load(c, STATE) == RUNNING:
+        c[UNDERRUNS] = before + 1
+    store(c, CALLS, c[CALLS] + 1)
+
+
+@cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
+def portaudio(source, out, n, time, flags, c):
+    """A PaStreamCallback for interleaved float32; userData is the context."""
+    portaudio_block(c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags))
     return 0
 
 
@@ -438,6 +458,15 @@ def block(c, n, lost):
 @njit([types.int64(TABLE_OF, types.int64)], cache=True, error_model="numpy", nogil=True)
 def jack_from_python(c, n):
     jack_block(data(c), n)
+    return 0
+
+
+@njit(
+    [types.int64(TABLE_OF, types.int64, types.int64, types.int64, types.float64, types.int64)],
+    cache=True, error_model="numpy", nogil=True,
+)  # fmt: skip
+def portaudio_from_python(c, source, out, n, dac, flags):
+    portaudio_block(data(c), source, out, n, dac, flags)
     return 0
 
 

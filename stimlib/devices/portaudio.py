@@ -1,0 +1,229 @@
+"""A sink on a device of PortAudio: sound cards through ALSA, JACK, PulseAudio, Core Audio, ASIO or WASAPI.
+
+sounddevice gives callbacks in Python only.  To have the compiled one called without the interpreter, this file uses inner
+parts of it (``_StreamBase``, ``_ffi``), so its version is pinned; where they are missing, a Python callback does the same, with a
+warning.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import warnings
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue, SinkError
+from .sink import Sink, _abandoned, _close_all
+from .sources import Signals
+
+INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
+SILENT_FOR = 0.8
+"""Seconds without a callback after which a device is taken for gone."""
+
+
+def _sounddevice() -> ModuleType:
+    try:
+        import sounddevice
+    except ImportError as e:
+        raise SinkError(f"the package sounddevice is missing ({e}): {INSTALL}") from None
+    except OSError as e:
+        raise SinkError(f"the PortAudio library is missing ({e}): {INSTALL}") from None
+    _fade_first()
+    return sounddevice
+
+
+def _fade_first() -> None:
+    """sounddevice ends PortAudio at the end of the program: our sinks are closed before."""
+    atexit.unregister(_close_all)
+    atexit.register(_close_all)
+
+
+class PortAudioSink(Sink):
+    """Plays on a device that PortAudio knows; ``stimlib devices`` lists them.
+
+    Parameters
+    ----------
+    scene, safety, **options
+        See ``Sink``.  The inputs of ``Signals`` are the device's input channels in their order.
+    name : str or int, optional
+        Of the device, part of it, or its number; by default the system's.
+    latency : "low", "high" or float, s
+        What the device buffers; high where it stutters.
+    clocked : bool
+        False for a device without a clock, such as ALSA's ``null`` and ``file``, which take samples as fast as they come.
+    compiled : bool
+        False for a callback in Python, which stutters whenever Python is busy: for comparison only.
+
+    Notes
+    -----
+    PortAudio finds devices and servers when ``sounddevice`` is first imported: those that come later need a new process.  It
+    says that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
+
+    PulseAudio and PipeWire mix channels into those of the card (7.1 for eight) unless the sink has a channel map of its own
+    (``channels=8 channel_map=aux0,aux1,..``) and ``remix`` is off; then each channel stays itself.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.portaudio import PortAudioSink
+    >>> sink = PortAudioSink(stimlib.scenes.squeeze(), 50.0, motion={"x1": abs, "x2": abs}, name="none of this name")
+    >>> sink.open(rate=8000)
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.SinkError: ...
+    """
+
+    device = "portaudio"
+
+    def __init__(
+        self,
+        scene,
+        safety,
+        *,
+        name: str | int | None = None,
+        latency: str | float = "low",
+        clocked: bool = True,
+        compiled: bool = True,
+        **options: Any,
+    ):
+        self.clock = clocked
+        super().__init__(scene, safety, **options)
+        self.name, self.latency, self.clocked, self.compiled = name, latency, clocked, compiled
+        self._stream: Any = None
+        self._ended = threading.Event()
+        self._silent = False
+        if isinstance(self.motion, Signals):
+            if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
+                raise BadValue(f"portaudio: a device has input channels in their order, no port {ports[0]!r} to connect")
+
+    def _open(self) -> None:
+        sd, pump = _sounddevice(), self.pump
+        inputs = len(self.proc.inputs) if isinstance(self.motion, Signals) else 0
+        self._fits(sd, inputs)
+        pump._fill(STRIDE=self.channels, IN_STRIDE=max(inputs, 1))
+        pump.write("RATE", int(np.float64(self.rate).view(np.int64)))
+        if not self.clocked:
+            pump.write("WAIT", 1_000_000)
+        both = bool(inputs)
+        common: dict[str, Any] = {
+            "device": (self.name, self.name) if both else self.name,
+            "channels": (inputs, self.channels) if both else self.channels,
+            "samplerate": self.rate, "blocksize": self.block or 0, "dtype": "float32", "latency": self.latency,
+            "clip_off": True, "dither_off": True, "finished_callback": self._finished,
+        }  # fmt: skip
+        try:
+            if self.compiled and (stream := self._compiled(sd, both, common)) is not None:
+                self._stream = stream
+            else:
+                make = sd.RawStream if both else sd.RawOutputStream
+                self._stream = make(callback=self._both if both else self._out, **common)
+        except (sd.PortAudioError, ValueError) as e:
+            raise SinkError(f"portaudio: {self._called(sd)} cannot be opened: {e}") from None
+        self.block = self._stream.blocksize or None
+
+    def _fits(self, sd: ModuleType, inputs: int) -> None:
+        """Errors that say what to do, before PortAudio's own."""
+        try:
+            info = sd.query_devices(self.name, "output")
+            source = sd.query_devices(self.name, "input") if inputs else None
+        except (sd.PortAudioError, ValueError) as e:
+            known = ", ".join(f"{d['index']} {d['name']!r}" for d in sd.query_devices() if d["max_output_channels"])
+            raise SinkError(
+                f"portaudio: no device {self.name!r} ({str(e).splitlines()[0]}); there are {known or 'none'}; one that has come "
+                "since the program began needs a new one"
+            ) from None
+        if info["max_output_channels"] < self.channels:
+            raise SinkError(
+                f"portaudio: {self._called(sd)} has {info['max_output_channels']} channels, fewer than {self.channels}"
+            )
+        if source is not None and source["max_input_channels"] < inputs:
+            raise SinkError(f"portaudio: {self._called(sd)} has {source['max_input_channels']} inputs, fewer than {inputs}")
+        try:
+            sd.check_output_settings(self.name, self.channels, "float32", samplerate=self.rate)
+        except (sd.PortAudioError, ValueError) as e:
+            if "sample rate" not in str(e).lower():
+                raise
+            raise SinkError(
+                f"portaudio: {self._called(sd)} does not run at {self.rate:g} Hz: "
+                f"open(rate={info['default_samplerate']:g}), or set the device to {self.rate:g}"
+            ) from None
+
+    def _called(self, sd: ModuleType) -> str:
+        info = sd.query_devices(self.name, "output")
+        return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
+
+    def _compiled(self, sd: ModuleType, both: bool, common: dict[str, Any]) -> Any:
+        """The stream with the compiled callback; None, and a warning, where sounddevice is not as expected."""
+        try:
+            ffi = sd._ffi
+            callback = ffi.cast("PaStreamCallback*", self.pump.callback("portaudio"))
+            user = ffi.cast("void*", self.pump.context)
+            kind = "duplex" if both else "output"
+            return sd._StreamBase(kind=kind, callback=callback, wrap_callback=None, userdata=user, **common)
+        except (AttributeError, TypeError) as e:
+            warnings.warn(
+                f"this version of sounddevice takes no compiled callback ({e}): Python runs in PortAudio's callback, so the "
+                f"stream stutters while Python is busy; {INSTALL}",
+                RuntimeWarning,
+                stacklevel=5,
+            )
+        return None
+
+    def _out(self, out: Any, n: int, time: Any, status: Any) -> None:
+        self._both(None, out, n, time, status)
+
+    def _both(self, source: Any, out: Any, n: int, time: Any, status: Any) -> None:
+        a, b = (0 if x is None else np.frombuffer(x, np.float32).ctypes.data for x in (source, out))
+        flags = 4 * bool(status.output_underflow)
+        self.pump.native.portaudio_from_python(self.pump.words, a, b, n, time.outputBufferDacTime, flags)
+
+    def _start(self) -> None:
+        sd = _sounddevice()
+        try:
+            self._stream.start()
+        except sd.PortAudioError as e:
+            raise SinkError(f"portaudio: {self._called(sd)} cannot be started: {e}") from None
+        threading.Thread(target=self._watch_device, name="stimlib device", daemon=True).start()
+
+    def _finished(self) -> None:
+        self._ended.set()
+
+    def _watch_device(self) -> None:
+        """A device that is gone ends its stream, or calls no more, without a word."""
+        polls, calls = 0, -1
+        while not self._closed:
+            ended = self._ended.wait(0.05)
+            if self._closed:
+                return
+            now = self.pump.read("CALLS")
+            polls, calls = (polls + 1 if now == calls else 0), now
+            if ended or (self.clocked and polls * 0.05 >= SILENT_FOR):
+                self._silent = not ended
+                why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
+                self._fail(SinkError(f"portaudio: the device {why}: is it still there? No fade-out was possible"))
+                return
+
+    def _close(self) -> None:
+        stream, self._stream = self._stream, None
+        if stream is None:
+            return
+        end = getattr(_sounddevice(), "_exit_handler", None)
+        if end:
+            atexit.unregister(end)  # ending PortAudio waits for a device that never answers, and so would the program
+        if self._silent:
+            _abandoned.append(stream)
+            return
+        stream.stop()
+        stream.close()
+        if end:
+            atexit.register(end)
+        _fade_first()
+
+    def _latency(self) -> float:
+        stream = self._stream
+        if stream is None:
+            return 0.0
+        return float(np.max(stream.latency))
