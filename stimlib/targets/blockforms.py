@@ -112,9 +112,13 @@ def taps_tiles(taps: np.ndarray, x: Any, dtype: Any) -> Any:
 
 
 def running(x: Any) -> Any:
-    """Sum of all samples before each one; whole numbers stay exact."""
+    """Sum of all samples before each one; whole numbers stay exact, those of a gate by a product with a matrix of ones."""
     u = rows(x, TILE)
-    inside = jnp.cumsum(u, axis=1)
+    if x.dtype == jnp.bool_:
+        u, x = u.astype(jnp.int32), x.astype(jnp.int32)
+        inside = (u.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)).astype(jnp.int32)
+    else:
+        inside = jnp.cumsum(u, axis=1)
     if u.shape[0] == 1:
         tops = jnp.zeros((1,), x.dtype)
     else:
@@ -155,6 +159,7 @@ def pink(b, p, s, x, run):
 
 # Noise ---------------------------------------------------------------------------------------------------------------
 U = np.uint64
+PAIRS = 4096  # integers are made in so long rows: a loop over rows, or XLA would make them anew for every use, five times
 
 
 def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
@@ -175,11 +180,11 @@ def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
         return jnp.concatenate([deviates(key, start, -start, dtype), deviates(key, 0, start + n, dtype)])
     odd = start % 2
     pairs = (n + odd + 1) // 2
-    a, b = integers(key, jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64))
-    if dtype == jnp.float64:
-        r, (c, d) = traced.bind(noise.radius)(a), traced.bind(noise.turn)(b)
-    else:
-        r, c, d = short_radius(a), *short_turn(b)
+    m = rows(jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64), min(pairs, PAIRS))
+    radius, turn = (f if dtype == jnp.float32 else traced.bind(g) for f, g in SHORT_FORMS)
+    words = lax.map(lambda m: integers(key, m), m)
+    r, (c, d) = lax.map(lambda w: (radius(w[0]), turn(w[1])), words)
+    r, c, d = (v.reshape(-1)[:pairs] for v in (r, c, d))
     return jnp.stack([r * c, r * d], axis=-1).reshape(-1)[odd : odd + n]
 
 
@@ -199,6 +204,9 @@ def short_turn(b: Any) -> tuple[Any, Any]:
     odd = (quarter & U(1)) != 0
     x0, x1 = jnp.where(odd, s, c), jnp.where(odd, c, s)
     return jnp.where(((quarter + U(1)) & U(2)) != 0, -x0, x0), jnp.where(quarter > U(1), -x1, x1)
+
+
+SHORT_FORMS = (short_radius, noise.radius), (short_turn, noise.turn)
 
 
 def white(b, p, s, x, run):

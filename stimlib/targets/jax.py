@@ -88,7 +88,7 @@ class Function:
         Returns
         -------
         dict of str to array (n,)
-            Each output.
+            Each output; numpy's where JAX is in 32-bit mode and its own arrays would lose digits.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class Function:
         >>> import numpy as np, stimlib
         >>> x, k = stimlib.Input("x", "m"), stimlib.Param("k", 2000.0, "N/m")
         >>> f = stimlib.compile(stimlib.Scene({"force": k * x}), fs=8000, target="jax")
-        >>> np.asarray(f({"k": 100.0}, {"x": np.array([0.0, 0.01])})["force"])
+        >>> f({"k": 100.0}, {"x": np.array([0.0, 0.01])})["force"]
         array([0., 1.])
         """
         return self._call(params, motion, key, n, gates, self.outputs)
@@ -148,8 +148,11 @@ class Function:
                     "'with jax.enable_x64(True):', or say jax.config.update('jax_enable_x64', True) first"
                 )
             return self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
-        with jax.enable_x64(True):
+        if jax.config.read("jax_enable_x64"):
             return self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
+        with jax.enable_x64(True):
+            signals = self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
+            return {name: np.asarray(v) for name, v in signals.items()}  # JAX's own would lose half their digits outside
 
     def _rows(self, motion: Any) -> dict[str, Any]:
         if motion is None:
@@ -197,7 +200,7 @@ class Function:
             if q.kind == "close":
                 by, inside = opened[q.child], value[q.args[1]]
                 if jnp.ndim(inside):
-                    inside = inside[early + running(by.astype(jnp.int32))]
+                    inside = inside[early + running(by)]
                 value[i] = jnp.where(by, inside, 0.0)
                 continue
             x = []
