@@ -7,6 +7,7 @@ import contract
 import jax
 import numpy as np
 import pytest
+from hands import RECORDINGS, hand
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, maths, scenes
@@ -124,6 +125,17 @@ def test_every_scene_equals_the_reference(name, dtype, tol):
     a = agreement(c.scene, c.motion(), c.fs, dtype=dtype, seed=3)
     assert a.worst < tol, a
     assert a.differences == 0, a
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_recorded_hands_meet_no_other_decision(name):
+    recorded = hand(name)
+    scene = scenes.squeeze(fingers=1, contact="grip" not in name)
+    t = np.arange(int(recorded.duration * 8000)) / 8000
+    motion = {i: np.asarray(source(t)) for i, source in recorded.for_inputs(tuple(scene.inputs)).items()}
+    a = agreement(scene, motion, 8000.0, seed=1)
+    assert a.differences == 0 and a.decisions >= 2 * t.size, a
+    assert a.worst < 1e-12, a
 
 
 @pytest.mark.parametrize("name", CASES)

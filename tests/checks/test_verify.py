@@ -1,10 +1,10 @@
 """The verifier on renderings, on files and on recorded hands."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hands import RECORDINGS, hand
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
@@ -12,17 +12,8 @@ from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pin
 from stimlib.checks.verify import Check
 from stimlib.devices import file
 from stimlib.devices.motion import jittered, minimum_jerk, quantised, ramp_and_hold
-from stimlib.devices.recording import recording
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
-RECORDINGS = {
-    "grip trial": ("grip-trials/grip_p1.csv", "force_N*5e-4", {"where": {"grasp": "pinch", "level": "easy", "trial": "1"}}),
-    "touchpad scrub": ("touch-evemu/finger_touchpad_horizontal.csv", "x_raw*1e-5", {"reports": "on_change"}),
-    "touchpad dwell": ("touch-evemu/finger_touchpad_vertical.csv", "y_raw*1e-5", {"reports": "on_change"}),
-    "puck": ("touch-evemu/hand_puck_tablet.csv", "x_mm*1e-3", {"reports": "on_change"}),
-    "pen": ("pen-pressure/pen_loops.csv", "x_raw*5e-6", {"reports": "on_change"}),
-}
 
 
 def write(path, scene, motion, seconds=1.0, seed=0, params=None, **words):
@@ -35,13 +26,10 @@ def write(path, scene, motion, seconds=1.0, seed=0, params=None, **words):
 
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
-    path, column, options = RECORDINGS[name]
-    if not (DATA / path).is_file():
-        pytest.skip("the recordings are not beside the project")
-    hand = recording(DATA / path, {"x": column}, **options)
+    recorded = hand(name)
     scene = stimlib.scenes.squeeze(contact="grip" not in name)
-    motion = hand.for_inputs(tuple(scene.inputs))
-    report = stimlib.verify(scene, motion, write(tmp_path / "hand.wav", scene, motion, hand.duration, seed=3))
+    motion = recorded.for_inputs(tuple(scene.inputs))
+    report = stimlib.verify(scene, motion, write(tmp_path / "hand.wav", scene, motion, recorded.duration, seed=3))
     assert report.passed, str(report)
     assert any("reports at" in text for text in report.evidence.skipped)
     assert {"a1", "a2", "b", "c", "d", "e"} == {c.group for c in report.checks}
