@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..lower import ROOT
 from ..processor import Processor, compile
 from ..scene import Scene
 
@@ -89,26 +88,26 @@ def agreement(
     """
     f = compile(scene, fs, "jax", seed, dtype=dtype)
     instances = f.program.instances
-    at_root = {g: q for g in f.gates if (q := instances[int(g.split()[1])]).clock == ROOT}  # others are held in between
-    probes = {g.replace(" ", "_") + "_": instances[q.args[0]].block if q.kind == "open" else q.block for g, q in at_root.items()}
+    deciding = [instances[int(g.split()[1])] for g in f.gates]
+    probes = {f"gate_{i}_": instances[q.args[0]].block if q.kind == "open" else q.block for i, q in enumerate(deciding)}
     proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     size = n if n is not None else min(len(v) for v in motion.values())
     x = np.array([np.asarray(motion[name], float)[:size] for name in proc.inputs]).reshape(len(proc.inputs), size)
     y = dict(zip(proc.outputs, proc.process(x), strict=True))
-    gates = {g: y[p] > 0 for g, p in zip(at_root, probes, strict=True)}
+    gates = {g: y[p] > 0 for g, p in zip(f.gates, probes, strict=True)}
     rows = dict(zip(proc.inputs, x, strict=True))
     inputs = {name: rows[name] for name in f.inputs}
     own = f.decisions(params, inputs, n=size)
-    differences = sum(int(np.sum(np.asarray(own[g]) != gates[g])) for g in at_root)
+    differences = sum(int(np.sum(np.asarray(own[g]) != gates[g])) for g in f.gates)
 
     def error(signals: Any) -> dict[str, float]:
         return {name: _relative(np.asarray(signals[name], float), y[name]) for name in f.outputs}
 
     alone = error(own)
     given = error(f(params, inputs, n=size, gates=gates)) if differences else alone
-    return Agreement(given, alone, len(at_root) * size, differences)
+    return Agreement(given, alone, len(f.gates) * size, differences)
 
 
 def _relative(a: np.ndarray, b: np.ndarray) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from ..blocks.gate import Gate
 from ..errors import BadValue, SceneError, UnknownName
 from ..graph import AtLeast, Block, Const, Greater, Param
-from ..lower import PARAMS, Program, check_memory, lead, lower
+from ..lower import PARAMS, ROOT, Program, check_memory, lead, lower
 from ..processor import rate
 from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
@@ -38,7 +38,8 @@ class Function:
     params : dict of str to float
         Live numbers and their initial values.
     gates : tuple of str
-        Names of what is 0 or 1: gates, comparisons and whether ``enabled`` is, in running order; see ``decisions``.
+        Names of what is 0 or 1: gates, comparisons and whether ``enabled`` is, on the sample clock and in running order; see
+        ``decisions``.
     units : dict of str to str
     """
 
@@ -58,7 +59,9 @@ class Function:
         self.inputs, self.outputs = tuple(self.program.inputs), tuple(self.program.outputs)
         self.params = {n: instances[i].block.value for n, i in self.program.params.items()}  # type: ignore[attr-defined]
         self._decisions = {
-            f"gate {i}": i for i, q in enumerate(instances) if q.kind == "open" or isinstance(q.block, (Gate, Greater, AtLeast))
+            f"gate {i}": i
+            for i, q in enumerate(instances)
+            if q.clock == ROOT and (q.kind == "open" or isinstance(q.block, (Gate, Greater, AtLeast)))
         }
         self.gates = tuple(self._decisions)
         self.units = {n: str(instances[i].block.dim) for g in (self.program.inputs, self.program.params) for n, i in g.items()}
@@ -170,14 +173,14 @@ class Function:
         instances, early = self.program.instances, lead(self.fs)
         key = jnp.asarray(key).astype(jnp.uint64)
         value: dict[int, Any] = {}
-        total = {1: early + n}  # samples of each clock, with those before its sample 0
+        total = {ROOT: early + n}  # samples of each clock, with those before its sample 0
         opened: dict[int, Any] = {}  # gate of each enabled clock, over its parent's samples
         place: dict[int, Any] = {}
         parents = self.program.parents
 
         def row(param: Any, clock: int) -> Any:
             """A live number given per sample, on a clock."""
-            if clock == 1:
+            if clock == ROOT:
                 return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), param])
             above = row(param, parents[clock])
             by = opened[clock]
@@ -186,7 +189,7 @@ class Function:
             return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), above[above.shape[0] - by.shape[0] :][place[clock]]])
 
         for i, q in enumerate(instances):
-            clock = max(q.clock, 1)
+            clock = max(q.clock, ROOT)
             size = total.get(clock, 0) if q.autonomous else n
             if q.kind == "input":
                 value[i] = jnp.asarray(motion[q.block.name], jnp.float64)  # type: ignore[attr-defined]
