@@ -1,4 +1,4 @@
-"""The command line: render, verify, show and list scenes."""
+"""The command line: render, play, verify, show and list scenes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import shlex
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -16,11 +17,11 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from .errors import BadValue, SceneError, StimlibError, UnknownName
+from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName
 from .scene import Scene, load
 
 app = typer.Typer(
-    help="Haptic stimuli composed from small pure blocks: render, look at and list them.",
+    help="Haptic stimuli composed from small pure blocks: render, play, look at and list them.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -219,6 +220,237 @@ def render_(
             from .checks.picture import picture as draw
 
             draw(render(made, motions, fs, min(length, 10.0), values, seed), picture)
+
+
+class Sinks(StrEnum):
+    """What plays."""
+
+    null = "null"
+    jack = "jack"
+    portaudio = "portaudio"
+
+
+FULL_SCALE = typer.Option(
+    help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond.", show_default=False
+)
+PEAK = typer.Option(help="Largest force in N, of outputs in N.")
+STATIC = typer.Option(help="Largest lasting force in N, of outputs in N.")
+SLEW = typer.Option(help="Fastest change, in units of the outputs per second.")
+CHANNELS = typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
+CONNECT = typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable.")
+LOG = typer.Option("--log", help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
+LIVE = typer.Option("--set", help="A live number for the whole session, such as [bold]k=2000[/]; may be repeated.")
+SEED = typer.Option(help="Key of all noise.")
+RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
+
+
+def _safety(full_scale: float, peak: float | None, static: float | None, slew: float | None) -> Any:
+    from .devices.safety import Safety
+
+    return Safety(full_scale, slew=slew, peak=peak, static=static)
+
+
+def _ports(connect: list[str]) -> list[str] | str | None:
+    if connect == ["none"]:
+        return None
+    return connect or "system"
+
+
+@contextmanager
+def _notes() -> Iterator[None]:
+    """Warnings in one line each."""
+
+    def note(message: Any, *_: Any, **__: Any) -> None:
+        errors.print("[bold yellow]note:[/] ", end="")
+        errors.print(str(message), markup=False, highlight=False, soft_wrap=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", RuntimeWarning)
+        warnings.showwarning = note
+        yield
+
+
+def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds: float | None, progress: bool) -> None:
+    """Play to the end, with a progress bar where that is a terminal; whatever comes, the sink fades out."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    with sink:
+        sink.open(fs, channels, block)
+        sink.start(seconds)
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=errors, disable=not (progress and sys.stderr.isatty())) as bar:
+            task = bar.add_task("playing; Ctrl-C ends", total=None if seconds is None else round(seconds * fs))
+            while not sink.finished:
+                sink.wait(0.1)
+                bar.update(task, completed=sink.report().produced)
+        sink.check()
+
+
+@app.command()
+def play(
+    scene: Annotated[str, SCENE],
+    full_scale: Annotated[float, FULL_SCALE],
+    sink: Annotated[Sinks, typer.Option(help="What plays: see [bold]stimlib devices[/].")] = Sinks.null,
+    device: Annotated[
+        str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
+    ] = None,
+    connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
+    channels: Annotated[int | None, CHANNELS] = None,
+    block: Annotated[int | None, typer.Option(help="Frames per block, where the device lets one choose.")] = None,
+    fast: Annotated[
+        bool, typer.Option("--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes.")
+    ] = False,
+    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
+    map_: Annotated[list[str], MAP] = [],  # noqa: B006
+    where: Annotated[str | None, WHERE] = None,
+    reports: Annotated[Reports, REPORTS] = Reports.always,
+    max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
+    fs: Annotated[float, RATE] = 8000.0,
+    peak: Annotated[float | None, PEAK] = None,
+    static: Annotated[float | None, STATIC] = None,
+    slew: Annotated[float | None, SLEW] = None,
+    set_: Annotated[list[str], LIVE] = [],  # noqa: B006
+    seed: Annotated[int, SEED] = 0,
+    log: Annotated[Path | None, LOG] = None,
+    quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+):
+    """Play a scene on a device, with the safety stage around it.  Ctrl-C fades out.
+
+    Exit status 1 when an output failed or the device went away while it played.
+
+    [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50 --log monday.stimlog[/]
+    """
+    with _friendly(), _notes():
+        made = scene_of(scene)
+        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        options: dict[str, Any] = {
+            "motion": motions,
+            "seed": seed,
+            "params": {n: _number(n, v) for n, v in _pairs(set_, "--set").items()},
+            "log": log,
+        }
+        safety = _safety(full_scale, peak, static, slew)
+        if fast and sink == Sinks.jack:
+            raise BadValue("--fast: a JACK server has its own pace")
+        if connect and sink != Sinks.jack:
+            raise BadValue(f"--connect: {sink} has no ports")
+        playing: Any
+        if sink == Sinks.jack:
+            from .devices.jack import JackSink
+
+            playing = JackSink(made, safety, server=device, connect=_ports(connect), **options)
+        elif sink == Sinks.portaudio:
+            from .devices.portaudio import PortAudioSink
+
+            name = int(device) if device is not None and device.isdecimal() else device
+            playing = PortAudioSink(made, safety, name=name, clocked=not fast, **options)
+        else:
+            if device is not None:
+                raise BadValue("--device: null has no device")
+            from .devices.null import NullSink
+
+            playing = NullSink(made, safety, clocked=not fast, **options)
+        try:
+            _play(playing, fs, channels, block, seconds if seconds is not None else recorded, not quiet)
+        except (SinkError, FaultError) as e:
+            if not playing._started:
+                raise
+            errors.print("[bold red]error:[/] ", end="")
+            errors.print(str(e), markup=False, highlight=False, soft_wrap=True)
+            raise typer.Exit(1) from None
+        except KeyboardInterrupt:
+            errors.print("faded out")
+            raise typer.Exit(130) from None
+        finally:
+            if playing._started and not quiet:
+                print(playing.report())
+                if log is not None:
+                    print(f"log: {log}")
+
+
+@app.command()
+def devices(
+    server: Annotated[str | None, typer.Option(help="Name of the JACK server; JACK's own default otherwise.")] = None,
+):
+    """What a scene can be played on here, why not on the rest, and how to get it.
+
+    [bold]stimlib devices[/]
+    """
+    with _friendly():
+        from .devices.available import devices as look
+
+        out = Console()
+        for d in look(server):
+            out.print(f"{'[green]ready[/]  ' if d.ready else '[yellow]missing[/]'}  [bold]{d.sink:9}[/]  ", end="")
+            out.print(f"{d.what}: {d.how}", markup=False, highlight=False, soft_wrap=True)
+
+
+class Loops(StrEnum):
+    """What can play and record at once."""
+
+    jack = "jack"
+
+
+@app.command()
+def loopback(
+    scene: Annotated[str, SCENE],
+    full_scale: Annotated[float, FULL_SCALE],
+    sink: Annotated[Loops, typer.Option(help="What plays and records.")] = Loops.jack,
+    device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
+    connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
+    capture: Annotated[
+        list[str],
+        typer.Option(
+            help="Port to record for a channel, such as [bold]system:capture_1[/] at the end of a cable; by default what "
+            "leaves the sink. Repeatable."
+        ),
+    ] = [],  # noqa: B006
+    tolerance: Annotated[
+        float, typer.Option(help="Of a cable: largest difference after gain and delay, relative to the signal.")
+    ] = 0.05,
+    channels: Annotated[int | None, CHANNELS] = None,
+    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
+    map_: Annotated[list[str], MAP] = [],  # noqa: B006
+    where: Annotated[str | None, WHERE] = None,
+    reports: Annotated[Reports, REPORTS] = Reports.always,
+    max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
+    fs: Annotated[float, RATE] = 8000.0,
+    peak: Annotated[float | None, PEAK] = None,
+    static: Annotated[float | None, STATIC] = None,
+    slew: Annotated[float | None, SLEW] = None,
+    set_: Annotated[list[str], LIVE] = [],  # noqa: B006
+    seed: Annotated[int, SEED] = 0,
+    log: Annotated[Path | None, LOG] = None,
+):
+    """Play, record what arrives, compare it with the offline render, measure the delay.  Exit status 1 when it differs.
+
+    [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50[/]
+    """
+    with _friendly(), _notes():
+        from .devices.loopback import loopback as compare
+
+        made = scene_of(scene)
+        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        result = compare(
+            made,
+            _safety(full_scale, peak, static, slew),
+            fs,
+            seconds if seconds is not None else recorded or 5.0,
+            motion=motions,
+            channels=channels,
+            server=device,
+            connect=_ports(connect),
+            capture=capture or None,
+            log=log,
+            tolerance=tolerance,
+            seed=seed,
+            params={n: _number(n, v) for n, v in _pairs(set_, "--set").items()},
+        )
+        print(result)
+    if not result.passed:
+        raise typer.Exit(1)
 
 
 @app.command("verify")

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from devices.servers import Jackd, needs_jack
 from typer.testing import CliRunner
 
 import stimlib
@@ -21,6 +22,8 @@ OWN = """
 from stimlib import Input, Param, Scene
 def soft():
     return Scene({"force": Param("k", 500.0, "N/m") * Input("x", "m")})
+def broken():
+    return Scene({"y": 1.0 / Input("x", "m")})
 def number():
     return 3
 """
@@ -212,3 +215,105 @@ def test_a_render_that_was_killed_is_recovered(tmp_path):
     assert done.exit_code == 0 and "frames" in done.output, done.output
     done = run.invoke(app, ["verify", "squeeze", "--wav", str(out)])
     assert done.exit_code == 0, done.output
+
+
+# Devices -------------------------------------------------------------------------------------------------------------
+HAND = ["--motion", "minimum_jerk(depth=0.01)", "--full-scale", "50"]
+
+
+def test_play_leaves_a_log_that_replays(tmp_path):
+    log = tmp_path / "a.stimlog"
+    words = ["play", "squeeze", *HAND, "--fast", "--seconds", "2", "--set", "k=1500", "--seed", "4", "--channels", "3"]
+    done = run.invoke(app, [*words, "--peak", "40", "--static", "30", "--slew", "1e6", "--log", str(log)])
+    assert done.exit_code == 0, done.output
+    assert "16000 samples, 16000 delivered, 0 lost" in done.stdout and f"log: {log}" in done.stdout
+    told = json.loads((log / "session.json").read_text())
+    assert told["params"] == {"k": 1500.0} and told["seed"] == 4 and told["channels"] == ["force1", "force2", None]
+    assert (told["safety"]["peak"], told["safety"]["static"], told["safety"]["slew"]) == (40.0, 30.0, 1e6)
+    done = run.invoke(app, ["verify", "squeeze", "--log", str(log)])
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
+    from stimlib.devices.log import delivered, read_log, replay
+
+    log = tmp_path / "a.stimlog"
+    words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]
+    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stdout=-1, stderr=-1, text=True) as job:
+        for _ in range(600):
+            if (log / "motion.f64").exists() and (log / "motion.f64").stat().st_size > 4000 * 16:
+                break
+            assert job.poll() is None, job.stderr.read()
+            time.sleep(0.1)
+        job.send_signal(what)
+        out, err = job.communicate(timeout=60)
+    assert job.returncode == code and "samples," in out and f"log: {log}" in out and "Traceback" not in err, err
+    told = read_log(log)
+    assert replay(told).matches and told.report["produced"] == told.frames
+    last = [frames for _, frames, _ in delivered(told)][-1]
+    assert not np.abs(last[-1]).max() > 0.01, "faded out"
+
+
+def test_play_says_that_an_output_failed(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = [
+        "play",
+        f"{tmp_path / 'own.py'}:broken",
+        "--motion",
+        "minimum_jerk()",
+        "--full-scale",
+        "1",
+        "--fast",
+        "--seconds",
+        "2",
+    ]
+    done = run.invoke(app, words)
+    assert done.exit_code == 1, done.output
+    assert "output y was not finite at sample 0" in done.stderr and "output y failed at sample 0" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["squeeze", "--full-scale", "50"], "no motion for x1, x2"),
+        (["squeeze", *HAND, "--set", "q=1"], "no live number 'q'"),
+        (["squeeze", *HAND, "--channels", "1"], "fewer than the 2 outputs"),
+        (["squeeze", *HAND, "--device", "a"], "null has no device"),
+        (["squeeze", *HAND, "--connect", "a"], "null has no ports"),
+        (["squeeze", *HAND, "--sink", "jack", "--fast"], "a JACK server has its own pace"),
+        (["squeeze", *HAND, "--seconds", "0"], "must be at least one sample"),
+        (["squeeze", "--motion", "minimum_jerk()", "--full-scale", "-1"], "full_scale"),
+    ],
+)
+def test_mistakes_in_playing_get_one_line(words, says):
+    done = run.invoke(app, ["play", *words])
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
+    assert "Traceback" not in done.output and not done.stdout
+
+
+def test_devices_says_what_there_is_and_how_to_get_the_rest():
+    done = run.invoke(app, ["devices", "--server", "stimlib_none"])
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[0].split() == "ready null no device, at the pace of the clock: --sink null".split()
+    (jack,) = [line for line in lines if line.split()[1] == "jack"]
+    assert jack.startswith("missing") and ("start one, such as jackd" in jack or "apt-get install jackd2" in jack)
+    assert any(line.split()[1] == "portaudio" for line in lines)
+
+
+@needs_jack()
+def test_play_and_loopback_on_a_server():
+    with Jackd(8000, 64) as server:
+        done = run.invoke(app, ["devices", "--server", server.name])
+        assert "a server at 8000 Hz, blocks of 64, 24 outputs, 8 inputs: --sink jack --fs 8000" in done.stdout
+        words = ["squeeze", *HAND, "--sink", "jack", "--device", server.name, "--seconds", "1"]
+        done = run.invoke(app, ["play", *words, "--connect", "none"])
+        assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
+        done = run.invoke(app, ["loopback", *words])
+        assert done.exit_code == 0 and "all equal the offline render" in done.stdout and "passed" in done.stdout, done.output
+        silent = ["--capture", "system:capture_1", "--capture", "system:capture_2"]
+        done = run.invoke(app, ["loopback", *words, *silent])
+        assert done.exit_code == 1 and "nothing could be compared" in done.stdout, done.output
+        done = run.invoke(app, ["loopback", *words, "--capture", "system:capture_1"])
+        assert done.exit_code == 2 and "capture names 1 ports for 2 channels" in done.stderr

@@ -1,0 +1,250 @@
+"""Play a scene on a JACK server, record it there, and compare: does what arrives equal the offline render, and how late is it?"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BadValue, SinkError
+from ..scene import Scene
+from .engine import _native
+from .jack import INSTALL, JackSink, _jack
+from .log import delivered, read_log
+from .safety import Safety
+
+ROUND_TRIP = 1.0
+"""Longest delay of a cable, in s, that is searched for."""
+
+
+@dataclass(frozen=True)
+class Loopback:
+    """What was recorded of a session, against what its log renders offline.
+
+    Attributes
+    ----------
+    produced, delivered, lost : int
+        As in the sink's report.
+    compared : int
+        Delivered frames that were recorded; the recording client may be late too.
+    wrong : int or None
+        Index of the first sample that is not equal; None where all are, or where a cable was measured.
+    cable : bool
+        Recorded from other ports than the sink's own.
+    latency : float, s
+        Through the cable; without one, what JACK says about the way to the outputs.
+    gain, residual : float
+        Of the cable: amplitude, and what is left after gain and delay, relative to the signal.  1 and 0 without a cable.
+    tolerance : float
+        Largest residual that passes.
+    """
+
+    produced: int
+    delivered: int
+    lost: int
+    compared: int
+    wrong: int | None
+    cable: bool
+    latency: float
+    gain: float
+    residual: float
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether what arrived is what was to be played."""
+        if self.compared == 0:
+            return False
+        return self.residual <= self.tolerance if self.cable else self.wrong is None
+
+    def __str__(self) -> str:
+        line = f"{self.produced} samples, {self.lost} lost, {self.compared} of {self.delivered} delivered frames recorded"
+        if self.compared == 0:
+            return f"{line}: FAILED, nothing could be compared"
+        word = "passed" if self.passed else "FAILED"
+        if self.cable:
+            return (
+                f"{line}; delay {self.latency * 1e3:.2f} ms, gain {self.gain:.3g}, residual {self.residual:.2%} of the signal "
+                f"(at most {self.tolerance:.2%}): {word}"
+            )
+        what = "all equal the offline render" if self.wrong is None else f"sample {self.wrong} differs from the offline render"
+        return f"{line}, {what}; latency to the outputs {self.latency * 1e3:.2f} ms: {word}"
+
+
+class Capture:
+    """A JACK client that records ports from ``start`` on, in a compiled callback.
+
+    Parameters
+    ----------
+    server : str or None
+    ports : sequence of str
+        One for each channel.
+    size : int
+        Most frames.
+    """
+
+    def __init__(self, server: str | None, ports: Sequence[str], size: int):
+        jack = _jack()
+        try:
+            self.client = client = jack.Client("stimlib_capture", no_start_server=True, servername=server)
+        except jack.JackError as e:
+            raise SinkError(f"jack: no client that records: {e}") from None
+        try:
+            ins = [client.inports.register(f"in_{k + 1}") for k in range(len(ports))]
+            self._data = np.ones((len(ports), size), np.float32)  # ones, so that the memory is there
+            self._times = np.ones(size, np.int64)
+            lib, ffi = jack._lib, jack._ffi
+
+            def address(v: Any) -> int:
+                return int(ffi.cast("uintptr_t", v))
+
+            self._ports = np.array([address(p._ptr) for p in ins], np.int64)
+            words = [address(lib.jack_port_get_buffer), self._ports.ctypes.data, len(ports), self._data.ctypes.data, size, 0]
+            words += [self._times.ctypes.data, address(lib.jack_last_frame_time), address(client._ptr)]
+            self._words = np.array(words, np.int64)
+            callback = ffi.cast("JackProcessCallback", int(_native().jack_capture.address))
+            lib.jack_set_process_callback(client._ptr, callback, ffi.cast("void*", self._words.ctypes.data))
+            client.activate()
+            for port, to in zip(ports, ins, strict=True):
+                client.connect(port, to)
+        except jack.JackError as e:
+            client.close()
+            raise SinkError(f"jack: cannot record {', '.join(ports)}: {e}") from None
+        except AttributeError as e:
+            client.close()
+            raise SinkError(f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}") from None
+
+    @property
+    def frames(self) -> NDArray[np.float32]:
+        """What was recorded, shape (n, channels)."""
+        return self._data[:, : self._words[5]].T
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """JACK's frame time of each."""
+        return self._times[: self._words[5]]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.deactivate()
+        self.client.close()
+
+
+def loopback(
+    scene: Scene,
+    safety: Safety | float,
+    rate: float,
+    seconds: float,
+    *,
+    motion: Any = None,
+    channels: int | Sequence[str | None] | None = None,
+    server: str | None = None,
+    connect: str | Sequence[str] | None = "system",
+    capture: Sequence[str] | None = None,
+    log: str | Path | None = None,
+    tolerance: float = 0.05,
+    **options: Any,
+) -> Loopback:
+    """Play a scene through ``JackSink``, record it by a second client, and compare with the offline render of the session's log.
+
+    Parameters
+    ----------
+    scene, safety, motion, connect, **options
+        As for ``JackSink``.
+    rate : float, Hz
+    seconds : float
+    channels : int or sequence, optional
+        As for ``Sink.open``.
+    server : str, optional
+    capture : sequence of str, optional
+        Ports to record, one for each channel, such as ``"system:capture_1"`` for a cable from the first output to the first
+        input; its delay is measured.  By default the sink's own ports, which must be equal bit for bit.
+    log : path, optional
+        Folder to keep the session's log in.
+    tolerance : float
+        Of a cable: largest residual, relative to the signal.
+
+    Returns
+    -------
+    Loopback
+
+    Raises
+    ------
+    SinkError, BadValue
+        As ``Sink.open``; a port that is not there.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.loopback import loopback
+    >>> loopback(stimlib.Scene({"y": stimlib.constant(0.5)}), 1.0, 8000, 1.0, server="none_of_this_name")
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.SinkError: ...
+    """
+    if capture is not None and isinstance(capture, str):
+        capture = [capture]
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(log) if log is not None else Path(scratch) / "session.stimlog"
+        with JackSink(scene, safety, motion=motion, server=server, connect=connect, log=folder, **options) as sink:
+            sink.open(rate, channels)
+            if capture is not None and len(capture) != sink.channels:
+                raise BadValue(f"capture names {len(capture)} ports for {sink.channels} channels")
+            ports = list(capture) if capture else [f"{sink.name}:{n}" for n in sink._port_names()]
+            with Capture(server, ports, round((seconds + ROUND_TRIP + 10.0) * sink.rate)) as record:
+                sink.start(seconds)
+                sink.wait()
+                time.sleep(ROUND_TRIP if capture else 0.05)
+                latency = sink._latency()
+                frames, times = record.frames.copy(), record.times.copy()
+                origin = sink.pump.read("ORIGIN")
+        report = sink.report()
+        parts = list(delivered(read_log(folder)))
+    expected = np.concatenate([p for _, p, _ in parts])
+    given = np.concatenate([np.full(len(p), told) for _, p, told in parts])
+    index = times[: len(frames)] - origin
+    if capture:
+        lag, gain, residual, compared = _through(frames, index, expected * given[:, None])
+        return Loopback(
+            report.produced, report.delivered, report.lost, compared, None, True, lag / rate, gain, residual, tolerance
+        )  # fmt: skip
+    inside = (index >= 0) & (index < len(expected))
+    inside[inside] = given[index[inside]]
+    bad = (frames[inside] != expected[index[inside]]).any(axis=1)
+    wrong = int(index[inside][bad][0]) if bad.any() else None
+    return Loopback(
+        report.produced, report.delivered, report.lost, int(inside.sum()), wrong, False, latency, 1.0, 0.0, tolerance
+    )  # fmt: skip
+
+
+def _through(frames: NDArray[np.float32], index: NDArray[np.int64], expected: NDArray[Any]) -> tuple[int, float, float, int]:
+    """Delay in samples, gain and residual of a recording, and how many of its frames they are about."""
+    n = int(max(len(expected), index.max(initial=0) + 1))
+    heard, played = np.zeros((n, expected.shape[1])), np.zeros((n, expected.shape[1]))
+    played[: len(expected)] = expected
+    ok = index >= 0
+    heard[index[ok]] = frames[ok]
+    size = 2 * n
+    match = np.fft.irfft(np.fft.rfft(heard, size, axis=0) * np.conj(np.fft.rfft(played, size, axis=0)), size, axis=0).sum(axis=1)
+    lag = int(np.argmax(np.abs(match[:n])))
+    wanted = np.zeros_like(heard)
+    wanted[lag:] = played[: n - lag]
+    power = float((wanted**2).sum())
+    if power == 0.0 or not heard.any():
+        return lag, 0.0, 1.0, 0
+    gain = float((heard * wanted).sum()) / power
+    left = float(((heard - gain * wanted) ** 2).sum())
+    return (
+        lag,
+        gain,
+        float(np.sqrt(left / float((heard**2).sum()))),
+        int((ok & (index >= lag) & (index < lag + len(expected))).sum()),
+    )

@@ -1,0 +1,53 @@
+"""The loopback: recording a session beside it, and judging a cable."""
+
+import numpy as np
+import pytest
+from devices.servers import Jackd, needs_jack
+
+import stimlib
+from stimlib import SinkError
+from stimlib.devices.loopback import Loopback, _through, loopback
+from stimlib.devices.motion import minimum_jerk
+from stimlib.scenes import squeeze
+
+HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
+
+
+def test_delay_and_gain_of_a_cable():
+    rng = np.random.default_rng(1)
+    played = rng.normal(size=(4000, 2)).astype(np.float32)
+    heard = np.zeros((6000, 2), np.float32)
+    heard[1137 : 1137 + 4000] = -0.25 * played
+    lag, gain, residual, compared = _through(heard, np.arange(-200, 5800), played)
+    assert (lag, compared) == (937, 4000)
+    assert gain == pytest.approx(-0.25, rel=1e-6) and residual < 1e-6
+    heard += 0.025 * rng.normal(size=heard.shape).astype(np.float32)
+    lag, gain, residual, _ = _through(heard, np.arange(-200, 5800), played)
+    assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1), "noise of a tenth, also where nothing played"
+
+
+def test_the_verdict():
+    told = dict(produced=10, delivered=10, lost=0, compared=10, wrong=None, cable=False, latency=0.0, gain=1.0, residual=0.0)
+    assert Loopback(**told, tolerance=0.05).passed
+    for more, text in (
+        ({"wrong": 7}, "sample 7 differs"),
+        ({"compared": 0}, "nothing could be compared"),
+        ({"cable": True, "residual": 0.06}, "residual 6.00%"),
+    ):
+        result = Loopback(**(told | more), tolerance=0.05)
+        assert not result.passed and text in str(result) and "FAILED" in str(result)
+
+
+@needs_jack()
+def test_loopback_on_a_server(tmp_path):
+    with Jackd(48000, 128) as server:
+        told = dict(motion=HAND, server=server.name, realtime=False)
+        result = loopback(squeeze(), 50.0, 48000, 1.0, log=tmp_path / "a.stimlog", **told)
+        assert result.passed and result.wrong is None and result.produced == 48000 == result.delivered + result.lost, result
+        assert 0 < result.compared <= result.delivered and result.latency > 0
+        assert stimlib.devices.log.read_log(tmp_path / "a.stimlog").frames == 48000
+        ports = ["stimlib:force1", "stimlib:force2"]
+        result = loopback(squeeze(), 50.0, 48000, 1.0, capture=ports, **told)
+        assert result.passed and (result.latency, result.gain) == (0.0, pytest.approx(1.0, abs=1e-6)), result
+        with pytest.raises(SinkError, match="cannot record nobody:a, nobody:b"):
+            loopback(squeeze(), 50.0, 48000, 1.0, capture=["nobody:a", "nobody:b"], **told)
