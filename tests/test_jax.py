@@ -8,6 +8,10 @@ import jax
 import numpy as np
 import pytest
 from hands import RECORDINGS, hand
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from test_graphs import LENGTH, motion
+from test_graphs import scenes as generated
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, maths, scenes
@@ -73,6 +77,18 @@ def test_derivatives_along_the_inputs(name):
     scale = max(abs(forward), 1e-3 * float(np.abs(w).sum() * np.abs(np.asarray(f(None, x)["y"])).max()))
     assert abs(forward - backward) < 1e-9 * scale
     assert abs(forward - central) < 1e-5 * scale
+
+
+@settings(max_examples=8, phases=[Phase.generate])
+@given(generated(), st.integers(0, 5))
+def test_generated_graphs(scene, seed):
+    """Gates within gates, faults and live numbers as the other laws have them."""
+    proc = stimlib.compile(scene, 1000.0, seed=seed)
+    x = motion(np.random.default_rng(seed), LENGTH)
+    inputs = {"x1": x[0], "x2": x[1]}
+    a = agreement(scene, {name: inputs[name] for name in proc.inputs}, 1000.0, n=LENGTH, seed=seed)
+    assert a.worst < 1e-9, a
+    assert a.differences == 0, a
 
 
 # Every scene ---------------------------------------------------------------------------------------------------------

@@ -89,7 +89,8 @@ def agreement(
     f = compile(scene, fs, "jax", seed, dtype=dtype)
     instances = f.program.instances
     deciding = [instances[int(g.split()[1])] for g in f.gates]
-    probes = {f"gate_{i}_": instances[q.args[0]].block if q.kind == "open" else q.block for i, q in enumerate(deciding)}
+    conditions = [instances[q.args[0]].block if q.kind == "open" else q.block for q in deciding]
+    probes = {f"gate_{i}_": condition > 0 for i, condition in enumerate(conditions)}
     proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
