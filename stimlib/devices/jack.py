@@ -213,18 +213,18 @@ class JackSink(Sink):
 
     def _server_ended(self, status: Any, reason: str) -> None:
         if not self._closed:
-            self._fail(SinkError(f"jack: the server has ended ({reason or 'no reason given'}): no fade-out was possible"))
+            self._device_lost(f"the server has ended ({reason or 'no reason given'}): no fade-out was possible")
 
     def _close(self) -> None:
         client, self._client = self._client, None
         if client is None:
             return
-        if not self._gone_device():
+        if not self._device_gone:
             client.deactivate()
         client.close()
 
     def _latency(self) -> float:
-        if self._client is None or self._gone_device():
+        if self._client is None or self._device_gone:
             return 0.0
         try:
             ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range  # JACK-Client has no name for it

@@ -203,7 +203,7 @@ class PortAudioSink(Sink):
             if ended or (self.clocked and polls * 0.05 >= SILENT_FOR):
                 self._silent = not ended
                 why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
-                self._fail(SinkError(f"portaudio: the device {why}: is it still there? No fade-out was possible"))
+                self._device_lost(f"the device {why}: is it still there? No fade-out was possible")
                 return
 
     def _close(self) -> None:

@@ -180,6 +180,7 @@ class Sink:
     """
 
     device = "none"
+    _device_gone = False
     clock = True  # whether it has a clock of its own
 
     def __init__(
@@ -362,18 +363,15 @@ class Sink:
                 try:
                     if self.pump.index != seen:
                         seen, since = self.pump.index, time.monotonic()
-                    if self._gone_device() or time.monotonic() - since > 0.5:
+                    if self._device_gone or time.monotonic() - since > 0.5:
                         break  # no callback comes any more: nothing can be faded
                     time.sleep(0.002)
                 except KeyboardInterrupt as e:  # the fade is short: let it end
                     interrupted = e
-            if self.finished and self.clock and not self.pump.hurried and not self._gone_device():
+            if self.finished and self.clock and not self.pump.hurried and not self._device_gone:
                 time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
             if interrupted:
                 raise interrupted
-
-    def _gone_device(self) -> bool:
-        return isinstance(self.error, SinkError)
 
     def close(self) -> None:
         """Fade out, let the device go and end the log, within 2 s."""
@@ -512,6 +510,11 @@ class Sink:
         )
 
     _last_latency = 0.0
+
+    def _device_lost(self, why: str) -> None:
+        """Called from any thread: no callback will come any more."""
+        self._device_gone = True
+        self._fail(SinkError(f"{self.device}: {why}"))
 
     def _fail(self, e: Exception, earliest: int = 0) -> None:
         """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this."""

@@ -223,6 +223,23 @@ def test_a_log_that_fails_ends_the_session():
     assert sink.finished and sink.pump.index < 5 * FS, "it has faded out"
 
 
+def test_a_log_that_fails_does_not_cut_the_fade_short():
+    """The device is still there: close waits for the fade."""
+
+    class Full(Seen):
+        def delivered(self, frames):
+            raise OSError(28, "No space left on device")
+
+    sink = clocked(steady(), log=Full())
+    sink.open(FS)
+    sink.start()
+    end = time.monotonic() + 10
+    while sink.error is None and time.monotonic() < end:
+        time.sleep(0.001)
+    sink.close()
+    assert sink.finished
+
+
 # Ways out ------------------------------------------------------------------------------------------------------------
 def smooth(log):
     y = np.concatenate(log.frames)
