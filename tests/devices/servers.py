@@ -108,7 +108,7 @@ class Jackd:
     """A JACK server without hardware, on a name of its own; ended by its process id.
 
     JACK knows 8 servers on a machine, and one that was killed keeps its place until another of its name comes.  So names are
-    used again, and a lock on a file says which are in use.
+    used again, and a lock on a file says which are in use: one place for the whole machine, whatever TMPDIR says.
     """
 
     def __init__(self, rate=8000, block=64, captures=8, playbacks=24, options=()):
@@ -133,6 +133,8 @@ class Jackd:
         for _ in range(200):
             try:
                 jack.Client("probe", no_start_server=True, servername=self.name).close()
+                if self.process.poll() is not None:
+                    break  # what answers is another's server
                 return self
             except jack.JackOpenError:
                 if self.process.poll() is not None:
@@ -169,7 +171,7 @@ class Jackd:
     def _free_name():
         for _ in range(600):
             for k in range(6):
-                lock = open(Path(tempfile.gettempdir()) / f"stimlib_jackd_{k}.lock", "w")
+                lock = open(Path("/dev/shm" if Path("/dev/shm").is_dir() else "/tmp") / f"stimlib_jackd_{k}.lock", "w")
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     return f"stimlib_test_{k}", lock
