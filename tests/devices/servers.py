@@ -9,9 +9,11 @@ import subprocess
 import tempfile
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 import pytest
 
 import stimlib
@@ -307,3 +309,67 @@ def busy(server, compiled, seconds=3.0):
             over.set()
             thread.join()
     return sink.report()
+
+
+class Pulse:
+    """A PulseAudio server with one null sink, private to a folder; ended by its process id."""
+
+    def __init__(self, folder, rate=8000, channels=1):
+        self.folder, self.rate, self.channels = Path(folder), rate, channels
+        run = self.folder / "run"
+        run.mkdir(mode=0o700)
+        (self.folder / "null.pa").write_text(
+            "load-module module-native-protocol-unix\n"
+            f"load-module module-null-sink sink_name=null rate={rate} channels={channels} format=float32le\n"
+            "set-default-sink null\n"
+        )
+        cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")  # not that of the new HOME
+        self.environment = {
+            "STIMLIB_CACHE": cache, "XDG_RUNTIME_DIR": str(run), "HOME": str(self.folder), "PULSE_SERVER": f"unix:{run}/pulse/native",
+            "JACK_NO_START_SERVER": "1",
+        }  # fmt: skip
+        self._run = partial(subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL)
+        options = ["--exit-idle-time=-1", "--daemonize=no", "--use-pid-file=no", "--disallow-exit"]
+        self._server = self._run(["pulseaudio", "-n", "-F", str(self.folder / "null.pa"), *options], stdout=subprocess.DEVNULL)
+        self._recorder = None
+
+    def __enter__(self):
+        for _ in range(100):
+            if self._run(["pactl", "info"], stdout=subprocess.DEVNULL).wait(10) == 0:
+                return self
+            time.sleep(0.05)
+        self.__exit__()
+        raise RuntimeError("pulseaudio does not start")
+
+    def record(self):
+        """Begin to record what arrives at the sink."""
+        self._file = open(self.folder / "captured.raw", "wb")
+        form = ["--format=float32le", f"--rate={self.rate}", f"--channels={self.channels}", "--raw", "--latency-msec=20"]
+        self._recorder = self._run(["parec", "-d", "null.monitor", *form], stdout=self._file)
+        for _ in range(100):
+            if self._run(["pactl", "list", "short", "source-outputs"], stdout=subprocess.PIPE).communicate(timeout=10)[0]:
+                return
+            time.sleep(0.05)
+        raise RuntimeError("parec does not record")
+
+    def frames(self):
+        """What was recorded, (n, channels); ends the recorder."""
+        _end(self._recorder)
+        self._file.close()
+        x = np.fromfile(self.folder / "captured.raw", "<f4")
+        return x[: x.size - x.size % self.channels].reshape(-1, self.channels)
+
+    def __exit__(self, *_):
+        for process in (self._recorder, self._server):
+            if process is not None:
+                _end(process)
+
+
+def _end(process):
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

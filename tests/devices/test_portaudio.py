@@ -8,6 +8,7 @@ import itertools
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devices.servers import Capture, Jackd, aligned, needs_jack, offline, step, textured
+from devices.servers import Capture, Jackd, Pulse, aligned, needs_jack, offline, step, textured
 
 import stimlib
 from stimlib import BadValue, SinkError
@@ -385,10 +386,39 @@ def test_another_sounddevice_falls_back_to_python_with_a_warning(tmp_path):
     assert json.loads(out.splitlines()[-1])["report"]["delivered"] == 4000
 
 
-# Everything ----------------------------------------------------------------------------------------------------------
+# PulseAudio ----------------------------------------------------------------------------------------------------------
 STRESS = pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
+PULSE = shutil.which("pulseaudio") and shutil.which("parec")
 
 
+@pytest.mark.skipif(not PULSE, reason="needs PulseAudio (tests/devices/install.sh)")
+@pytest.mark.parametrize("fs, channels", [(8000, 1), pytest.param(48000, 2, marks=STRESS)])
+def test_over_pulseaudio_is_exact_after_the_lost_head(tmp_path, fs, channels):
+    """A null sink with a clock of its own: what its monitor has recorded is one piece of the offline render."""
+    seconds = 1.5
+    with Pulse(tmp_path, fs, channels) as server:
+        with Player(server.environment, fs, channels, None, seconds, outputs=channels, name="pulse") as player:
+            player.until("open")
+            server.record()
+            player.say("go")
+            player.until("playing")
+            report, events, error = player.end()
+        time.sleep(0.3)  # until the recorder has what the server still holds
+        frames = server.frames()
+    assert error is None
+    assert report["delivered"] + report["lost"] == report["produced"] == round(seconds * fs)
+    scene = textured(channels)
+    hand = {name: HAND[name] for name in scene.inputs}
+    expected = offline(scene, Safety(50.0), hand, fs, round(seconds * fs), events, list(range(channels)), seed=7)
+    sound = np.flatnonzero(frames.any(axis=1))
+    got = frames[sound[0] : sound[-1] + 1]
+    begins = np.flatnonzero((expected[: len(expected) - 64] == got[0]).all(axis=1))
+    starts = [k for k in begins if np.array_equal(expected[k : k + 64], got[:64])]
+    assert starts and len(got) > len(expected) // 2, "most of it arrives"
+    assert any(np.array_equal(expected[k : k + len(got)], got) for k in starts)
+
+
+# Everything ----------------------------------------------------------------------------------------------------------
 @STRESS
 @pytest.mark.parametrize("fs, block", list(itertools.product((8000, 48000), (16, 32, 64))))
 def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):
