@@ -325,8 +325,8 @@ class Pulse:
         )
         cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")  # not that of the new HOME
         self.environment = {
-            "STIMLIB_CACHE": cache, "XDG_RUNTIME_DIR": str(run), "HOME": str(self.folder), "PULSE_SERVER": f"unix:{run}/pulse/native",
-            "JACK_NO_START_SERVER": "1",
+            "STIMLIB_CACHE": cache, "XDG_RUNTIME_DIR": str(run), "HOME": str(self.folder), "JACK_NO_START_SERVER": "1",
+            "PULSE_SERVER": f"unix:{run}/pulse/native",
         }  # fmt: skip
         self._run = partial(subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL)
         options = ["--exit-idle-time=-1", "--daemonize=no", "--use-pid-file=no", "--disallow-exit"]
