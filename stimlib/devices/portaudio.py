@@ -22,6 +22,8 @@ from .sources import Signals
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
 SILENT_FOR = 0.8
 """Seconds without a callback after which a device is taken for gone."""
+BURST = 2.5
+"""As many more where it is not JACK: PulseAudio may take two seconds of samples at once."""
 
 
 def _sounddevice() -> ModuleType:
@@ -194,15 +196,16 @@ class PortAudioSink(Sink):
     def _watch_device(self) -> None:
         """A device that is gone ends its stream, or calls no more, without a word."""
         polls, calls = 0, -1
+        patience = SILENT_FOR if "JACK" in self._called(_sounddevice()) else SILENT_FOR + BURST
         while not self._closed:
             ended = self._ended.wait(0.05)
             if self._closed:
                 return
             now = self.pump.read("CALLS")
             polls, calls = (polls + 1 if now == calls else 0), now
-            if ended or (self.clocked and polls * 0.05 >= SILENT_FOR):
+            if ended or (self.clocked and polls * 0.05 >= patience):
                 self._silent = not ended
-                why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
+                why = "has ended the stream" if ended else f"has taken no samples for {patience:g} s"
                 self._device_lost(f"the device {why}: is it still there? No fade-out was possible")
                 return
 
