@@ -78,26 +78,32 @@ class Loopback:
 
 
 class Capture:
-    """A JACK client that records ports from ``start`` on, in a compiled callback.
+    """A JACK client that records from now on, in a compiled callback.
 
     Parameters
     ----------
     server : str or None
-    ports : sequence of str
-        One for each channel.
+    ports : sequence of str or int
+        Ports to record, one for each channel; or the number of channels, for others to connect to ``names``.
     size : int
         Most frames.
+    name : str
+        Of the client.
     """
 
-    def __init__(self, server: str | None, ports: Sequence[str], size: int):
+    def __init__(self, server: str | None, ports: Sequence[str] | int, size: int, name: str = "stimlib_capture"):
         jack = _jack()
         try:
-            self.client = client = jack.Client("stimlib_capture", no_start_server=True, servername=server)
+            self.client = client = jack.Client(
+                name, use_exact_name=isinstance(ports, int), no_start_server=True, servername=server
+            )
         except jack.JackError as e:
             raise SinkError(f"jack: no client that records: {e}") from None
         try:
-            ins = [client.inports.register(f"in_{k + 1}") for k in range(len(ports))]
-            self._data = np.ones((len(ports), size), np.float32)  # ones, so that the memory is there
+            channels = ports if isinstance(ports, int) else len(ports)
+            ins = [client.inports.register(f"in_{k + 1}") for k in range(channels)]
+            self.names = [p.name for p in ins]
+            self._data = np.ones((channels, size), np.float32)  # ones, so that the memory is there
             self._times = np.ones(size, np.int64)
             lib, ffi = jack._lib, jack._ffi
 
@@ -105,24 +111,26 @@ class Capture:
                 return int(ffi.cast("uintptr_t", v))
 
             self._ports = np.array([address(p._ptr) for p in ins], np.int64)
-            words = [address(lib.jack_port_get_buffer), self._ports.ctypes.data, len(ports), self._data.ctypes.data, size, 0]
+            words = [address(lib.jack_port_get_buffer), self._ports.ctypes.data, channels, self._data.ctypes.data, size, 0]
             words += [self._times.ctypes.data, address(lib.jack_last_frame_time), address(client._ptr)]
             self._words = np.array(words, np.int64)
             callback = ffi.cast("JackProcessCallback", int(_native().jack_capture.address))
             lib.jack_set_process_callback(client._ptr, callback, ffi.cast("void*", self._words.ctypes.data))
             client.activate()
-            for port, to in zip(ports, ins, strict=True):
-                client.connect(port, to)
+            if not isinstance(ports, int):
+                for port, to in zip(ports, ins, strict=True):
+                    client.connect(port, to)
         except jack.JackError as e:
             client.close()
-            raise SinkError(f"jack: cannot record {', '.join(ports)}: {e}") from None
+            what = f"{channels} channels" if isinstance(ports, int) else ", ".join(ports)
+            raise SinkError(f"jack: cannot record {what}: {e}") from None
         except AttributeError as e:
             client.close()
             raise SinkError(f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}") from None
 
     @property
     def frames(self) -> NDArray[np.float32]:
-        """What was recorded, shape (n, channels)."""
+        """What was recorded so far, shape (n, channels)."""
         return self._data[:, : self._words[5]].T
 
     @property
@@ -212,7 +220,7 @@ def loopback(
     given = np.concatenate([np.full(len(p), told) for _, p, told in parts])
     index = times[: len(frames)] - origin
     if capture:
-        lag, gain, residual, compared = _through(frames, index, expected * given[:, None])
+        lag, gain, residual, compared = through(frames, index, expected, given, round(ROUND_TRIP * rate))
         return Loopback(
             report.produced, report.delivered, report.lost, compared, None, True, lag / rate, gain, residual, tolerance
         )  # fmt: skip
@@ -225,26 +233,60 @@ def loopback(
     )  # fmt: skip
 
 
-def _through(frames: NDArray[np.float32], index: NDArray[np.int64], expected: NDArray[Any]) -> tuple[int, float, float, int]:
-    """Delay in samples, gain and residual of a recording, and how many of its frames they are about."""
-    n = int(max(len(expected), index.max(initial=0) + 1))
+def through(
+    frames: NDArray[np.float32], index: NDArray[np.int64], expected: NDArray[Any], given: NDArray[np.bool_], longest: int
+) -> tuple[int, float, float, int]:
+    """Delay and gain of a cable: those that leave the smallest part of what was recorded unexplained.
+
+    Frames that either side lost say nothing of the cable, so they are left out.
+
+    Parameters
+    ----------
+    frames, index : arrays (m, channels) and (m,)
+        What was recorded, and the sample of the session at whose time it was.
+    expected, given : arrays (n, channels) and (n,)
+        What was played (silence before and after), and which frames of it were delivered.
+    longest : int
+        Delay that is searched for, in samples.
+
+    Returns
+    -------
+    tuple
+        Delay in samples, gain, residual relative to the signal (rms), and how many recorded frames are of the session.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.devices.loopback import through
+    >>> played = np.random.default_rng(1).normal(size=(100, 1))
+    >>> heard = 0.5 * np.concatenate([np.zeros((7, 1)), played])
+    >>> through(heard, np.arange(107), played, np.ones(100, bool), 50)
+    (7, 0.5, 0.0, 100)
+    """
+    n = int(max(len(expected) + longest, index.max(initial=0) + 1))
     heard, played = np.zeros((n, expected.shape[1])), np.zeros((n, expected.shape[1]))
-    played[: len(expected)] = expected
+    known, sent = np.zeros(n), np.ones(n)
     ok = index >= 0
-    heard[index[ok]] = frames[ok]
-    size = 2 * n
-    match = np.fft.irfft(np.fft.rfft(heard, size, axis=0) * np.conj(np.fft.rfft(played, size, axis=0)), size, axis=0).sum(axis=1)
-    lag = int(np.argmax(np.abs(match[:n])))
-    wanted = np.zeros_like(heard)
-    wanted[lag:] = played[: n - lag]
-    power = float((wanted**2).sum())
-    if power == 0.0 or not heard.any():
+    heard[index[ok]], known[index[ok]] = frames[ok], 1.0
+    played[: len(expected)], sent[: len(expected)] = expected, given
+    played *= sent[:, None]
+
+    def at_every_lag(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+        """Sum over n of a[n] b[n - lag]."""
+        size = 2 * n
+        return np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)[: longest + 1]
+
+    match = sum(at_every_lag(heard[:, k], played[:, k]) for k in range(expected.shape[1]))
+    of_played = at_every_lag(known, (played**2).sum(axis=1))
+    of_heard = at_every_lag((heard**2).sum(axis=1), sent)
+    enough = of_played > 0.5 * of_played.max(initial=0.0)
+    explained = np.zeros(longest + 1)
+    np.divide(match**2, of_played * of_heard, out=explained, where=enough & (of_heard > 0.0))
+    lag = int(np.argmax(explained))
+    both = known[lag:] * sent[: n - lag] > 0
+    x, y = played[: n - lag][both], heard[lag:][both]
+    compared = int(both[: len(expected)].sum())
+    if not x.any() or not y.any():
         return lag, 0.0, 1.0, 0
-    gain = float((heard * wanted).sum()) / power
-    left = float(((heard - gain * wanted) ** 2).sum())
-    return (
-        lag,
-        gain,
-        float(np.sqrt(left / float((heard**2).sum()))),
-        int((ok & (index >= lag) & (index < lag + len(expected))).sum()),
-    )
+    gain = float((x * y).sum() / (x**2).sum())
+    return lag, gain, float(np.sqrt(((y - gain * x) ** 2).sum() / (y**2).sum())), compared

@@ -413,20 +413,25 @@ def jack_freewheel(starting, c):
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack_capture(n, c):
-    """A JackProcessCallback that records; its argument is the words of ``stimlib.devices.loopback.Capture``."""
+    """A JackProcessCallback that records; its argument is the words of ``stimlib.devices.loopback.Capture``.
+
+    Of a client that comes too late the buffers may belong to two cycles, so such a block is not kept: its times are missing.
+    It is called again for the cycle that has begun meanwhile, and only what it reads then is sure to be of that cycle.
+    """
     get, ports, channels, frames, size, w, times_at, time_of, client = c[0], i8_at(c[1]), c[2], c[3], c[4], c[5], c[6], c[7], c[8]
     times = i8_at(times_at)
+    t = frame_time(time_of, client, 0)
+    if w >= n and times[w - 1] == t + n - 1:
+        w -= n
     if w + n <= size:
-        t = frame_time(time_of, client, 0)
-        if w > 0 and times[w - 1] == t + n - 1:  # called again for one cycle: somebody before it was late
-            return 0
         for k in range(n):
             times[w + k] = t + k
         for j in range(channels):
             source, to = f4_at(get_buffer(get, ports[j], types.int64(n))), f4_at(frames + 4 * (j * size + w))
             for k in range(n):
                 to[k] = source[k]
-        store(c, 5, w + n)
+        late = (frame_time(time_of, client, 0) - t) & 0xFFFFFFFF
+        store(c, 5, w if n <= late < 0x80000000 else w + n)
     return 0
 
 

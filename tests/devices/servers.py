@@ -17,7 +17,7 @@ import platformdirs
 import pytest
 
 import stimlib
-from stimlib import blocks
+from stimlib import SinkError, blocks
 from stimlib.devices.safety import protect, to_device
 
 
@@ -183,88 +183,17 @@ class Jackd:
         raise RuntimeError("6 JACK servers are in use already")
 
 
-def _capture_callback():
-    """Compiled, so that Python's own business never disturbs what is measured."""
-    from numba import cfunc, types
+def Capture(server, channels, size, name="capture"):
+    """A second client that records what arrives at its ports ``NAME:in_1`` .."""
+    from stimlib.devices import loopback
 
-    from stimlib.devices.engine import _native
-
-    native = _native()
-    f4_at, i8_at, get_buffer = native.f4_at, native.i8_at, native.get_buffer
-
-    frame_time = native.frame_time
-
-    @cfunc(types.int32(types.uint32, types.CPointer(types.int64)), error_model="numpy")
-    def capture(n, c):  # 0 get_buffer, 1 ports, 2 channels, 3 frames, 4 size, 5 count, 6 times, 7 frame_time, 8 client
-        ports, w, times = i8_at(c[1]), c[5], i8_at(c[6])
-        if w + n <= c[4]:
-            t = frame_time(c[7], c[8], 0)
-            if w > 0 and times[w - 1] == t + n - 1:  # called again for one cycle: somebody before it was late
-                return 0
-            for k in range(n):
-                times[w + k] = t + k
-            for j in range(c[2]):
-                source, to = f4_at(get_buffer(c[0], ports[j], types.int64(n))), f4_at(c[3] + 4 * (j * c[4] + w))
-                for k in range(n):
-                    to[k] = source[k]
-            c[5] = w + n
-        return 0
-
-    return capture
-
-
-class Capture:
-    """A second client that records what arrives at its ports ``NAME:in_1`` ..; ``frames()`` is (n, channels)."""
-
-    callback = None
-
-    def __init__(self, server, channels, size, name="capture"):
-        import jack
-
-        Capture.callback = Capture.callback or _capture_callback()
-        for attempt in range(5):  # a server under load may still be busy with the last client of this name
-            try:
-                client = jack.Client(name, no_start_server=True, servername=server, use_exact_name=True)
-                break
-            except jack.JackOpenError:
-                if attempt == 4:
-                    raise
-                time.sleep(0.5)
-        self.client = client
-        self.ports = [client.inports.register(f"in_{k + 1}") for k in range(channels)]
-        self.names = [p.name for p in self.ports]
-        self.data = np.zeros((channels, size), np.float32)
-
-        def address(v):
-            return int(jack._ffi.cast("uintptr_t", v))
-
-        self._addresses = np.array([address(p._ptr) for p in self.ports], np.int64)
-        self._times = np.zeros(size, np.int64)
-        get, time_of = address(jack._lib.jack_port_get_buffer), address(jack._lib.jack_last_frame_time)
-        pointers = [get, self._addresses.ctypes.data, channels, self.data.ctypes.data, size, 0, self._times.ctypes.data]
-        self.words = np.array([*pointers, time_of, address(client._ptr)], np.int64)
-        process = jack._ffi.cast("JackProcessCallback", Capture.callback.address)
-        jack._lib.jack_set_process_callback(client._ptr, process, jack._ffi.cast("void*", self.words.ctypes.data))
-        client.activate()
-
-    def frames(self):
-        return self.data[:, : self.words[5]].T
-
-    def touch(self):
-        """Have all memory now."""
-        self.data += 0
-        self._times += 0
-
-    def times(self):
-        """JACK's frame time of each captured frame."""
-        return self._times[: self.words[5]]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.client.deactivate()
-        self.client.close()
+    for attempt in range(5):  # a server under load may still be busy with the last client of this name
+        try:
+            return loopback.Capture(server, channels, size, name)
+        except SinkError:
+            if attempt == 4:
+                raise
+            time.sleep(0.5)
 
 
 def step(frames, times):

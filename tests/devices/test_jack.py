@@ -60,7 +60,7 @@ def freewheel(server, channels, seconds):
             s.start(seconds)
             s.wait(60)
             s.freewheel(False)
-        frames = capture.frames().copy()
+        frames = capture.frames.copy()
     report = s.report()
     assert (report.produced, report.lost) == (n, 0)
     places = list(range(outputs)) + [-1] * (channels - outputs)
@@ -84,8 +84,8 @@ class Take:
     def __init__(self, s, log, capture):
         self.scene, self.safety, self.fs, self.map = s.scene, s.safety, s.rate, s.map
         self.params, self.report, self.log = s.params, s.report(), log
-        self.frames = capture.frames()[:, : len(s.map)].copy()
-        self.index = capture.times()[: len(self.frames)] - s.pump.read("ORIGIN")
+        self.frames = capture.frames[:, : len(s.map)].copy()
+        self.index = capture.times[: len(self.frames)] - s.pump.read("ORIGIN")
 
     def accounted(self):
         """captured + reported lost = produced, and every sample captured is the one of its time.
@@ -183,8 +183,8 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
         finally:
             child.kill()
         report = json.loads(out)
-        frames = capture.frames().copy()
-        times = capture.times()[: len(frames)].copy()
+        frames = capture.frames.copy()
+        times = capture.times[: len(frames)].copy()
     assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
     first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
     gaps = np.diff(times[first : last + 1]) - 1
@@ -275,7 +275,7 @@ def test_what_is_not_finite_never_reaches_the_port(server):
                 s.open(FS)
                 s.start()
                 s.wait(20)
-        frames = capture.frames().copy()
+        frames = capture.frames.copy()
     assert np.isfinite(frames).all() and np.abs(frames).max() == np.float32(0.4) and not frames[-1].any()
     assert s.report().faults == {"force1": 4000, "force2": 4010}
     delivered = np.concatenate(log.frames)
@@ -290,9 +290,9 @@ def smooth(play):
     """
     for _ in range(8):
         with play() as capture:
-            y = capture.frames()[:, 0]
+            y = capture.frames[:, 0]
             assert y.max() == 1.0 and not y[-1]
-            largest = step(y, capture.times()[: len(y)])
+            largest = step(y, capture.times[: len(y)])
         if largest is not None:
             assert largest <= 0.01
             return

@@ -6,24 +6,53 @@ from devices.servers import Jackd, needs_jack
 
 import stimlib
 from stimlib import SinkError
-from stimlib.devices.loopback import Loopback, _through, loopback
+from stimlib.devices.loopback import Loopback, loopback, through
 from stimlib.devices.motion import minimum_jerk
 from stimlib.scenes import squeeze
 
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 
 
-def test_delay_and_gain_of_a_cable():
-    rng = np.random.default_rng(1)
+def cable(seed=1, slow=False):
+    rng = np.random.default_rng(seed)
     played = rng.normal(size=(4000, 2)).astype(np.float32)
+    if slow:  # as forces are: a delay wrong by some samples explains nearly as much
+        played = np.stack([np.sin(np.pi * np.arange(4000) / 4000), np.sin(np.pi * np.arange(4000) / 2000)]).T.astype(np.float32)
     heard = np.zeros((6000, 2), np.float32)
     heard[1137 : 1137 + 4000] = -0.25 * played
-    lag, gain, residual, compared = _through(heard, np.arange(-200, 5800), played)
+    return played, heard, np.arange(-200, 5800), np.ones(4000, bool)
+
+
+def test_delay_and_gain_of_a_cable():
+    played, heard, index, given = cable()
+    lag, gain, residual, compared = through(heard, index, played, given, 1800)
     assert (lag, compared) == (937, 4000)
     assert gain == pytest.approx(-0.25, rel=1e-6) and residual < 1e-6
-    heard += 0.025 * rng.normal(size=heard.shape).astype(np.float32)
-    lag, gain, residual, _ = _through(heard, np.arange(-200, 5800), played)
+    heard += 0.025 * np.random.default_rng(2).normal(size=heard.shape).astype(np.float32)
+    lag, gain, residual, _ = through(heard, index, played, given, 1800)
     assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1), "noise of a tenth, also where nothing played"
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_frames_that_either_side_lost_say_nothing_of_the_cable(slow):
+    """What a device gives for frames that the sink lost is anything; what the recording client missed is not there."""
+    played, heard, index, given = cable(slow=slow)
+    given[1000:1128] = False
+    heard[1137 + 1000 : 1137 + 1128] = 0.7
+    here = np.ones(6000, bool)
+    here[2500:2756] = False
+    lag, gain, residual, compared = through(heard[here], index[here], played, given, 1800)
+    assert (lag, compared) == (937, 4000 - 128 - 256)
+    assert gain == pytest.approx(-0.25, rel=1e-6) and residual < 1e-6
+
+
+def test_a_cable_that_is_not_there():
+    played, heard, index, given = cable()
+    assert through(0 * heard, index, played, given, 1800)[2:] == (1.0, 0)
+    assert through(heard, index, 0 * played, given, 1800)[2:] == (1.0, 0)
+    assert through(heard, index, played, ~given, 1800)[2:] == (1.0, 0)
+    noise = np.random.default_rng(3).normal(size=heard.shape).astype(np.float32)
+    assert through(noise, index, played, given, 1800)[2] > 0.9
 
 
 def test_the_verdict():

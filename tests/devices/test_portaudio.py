@@ -193,7 +193,7 @@ def over_jack(server, channels, seconds=2.0, **options):
             player.until("playing")
             report, events, error = player.end()
             capture.client.set_freewheel(False)
-        frames = capture.frames().copy()
+        frames = capture.frames.copy()
     assert error is None and (report["produced"], report["lost"]) == (n, 0)
     is_exact(frames, events, fs, channels, outputs, seconds)
 
@@ -240,9 +240,9 @@ def test_ways_out_fade(way):
                         p.child.send_signal(way)
                     p.child.communicate(timeout=30)
                     assert p.child.returncode == {"stop": 0, signal.SIGTERM: 143, signal.SIGINT: -2}[way]
-                y = capture.frames()[:, 0]
+                y = capture.frames[:, 0]
                 assert y.max() == 1.0 and not y[-1]
-                largest = step(y, capture.times()[: len(y)])
+                largest = step(y, capture.times[: len(y)])
             if largest is not None:
                 assert largest <= 0.01
                 return

@@ -43,7 +43,6 @@ def main(minutes: float) -> None:
     say(f"{datetime.now(UTC):%F %H:%M} UTC, stimlib {stimlib.__version__}, Python {platform.python_version()}, {minutes:g} min")
     with tempfile.TemporaryDirectory() as place, Jackd(FS, BLOCK) as server:
         with Capture(server.name, 2, round((seconds + 30) * FS)) as capture:
-            capture.touch()  # all of its memory is there from the beginning
             folder = Path(place) / "soak.stimlog"
             with JackSink(
                 squeeze(), 50.0, motion=HAND, server=server.name, connect=capture.names, log=folder, realtime=False
@@ -61,8 +60,8 @@ def main(minutes: float) -> None:
                         say(f"{time.monotonic() - began:6.0f} s  {memory[-1]:8.2f} MiB  {sink.report()}")
                         sink.check()
             time.sleep(0.1)
-            frames = capture.frames()
-            index = capture.times()[: len(frames)] - sink.pump.read("ORIGIN")
+            frames = capture.frames
+            index = capture.times[: len(frames)] - sink.pump.read("ORIGIN")
         report = sink.report()
         say(f"end       {report}")
         growth = max(memory[len(memory) // 10 :]) - memory[len(memory) // 10]
