@@ -76,6 +76,7 @@ class JackSink(Sink):
             connect = [connect]
         self.name, self.server, self.connect, self.compiled = name, server, connect, compiled
         self._client: Any = None
+        self._wheels = False
 
     def _open(self) -> None:
         jack = _jack()
@@ -207,9 +208,13 @@ class JackSink(Sink):
         client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
 
     def freewheel(self, on: bool) -> None:
-        """Run the server as fast as it goes, or at its pace again; nothing is lost then, and nothing is heard."""
+        """Run the server as fast as it goes, or at its pace again; nothing is lost then, and nothing is heard.
+
+        It goes at its pace again before the sink is closed: libjack may end a process whose graph a client leaves otherwise.
+        """
         self.check()
         self._client.set_freewheel(on)
+        self._wheels = on
 
     def _server_ended(self, status: Any, reason: str) -> None:
         if not self._closed:
@@ -220,6 +225,8 @@ class JackSink(Sink):
         if client is None:
             return
         if not self._device_gone:
+            if self._wheels:
+                client.set_freewheel(False)
             client.deactivate()
         client.close()
 

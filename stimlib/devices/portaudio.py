@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import threading
+import time
 import warnings
 from types import ModuleType
 from typing import Any
@@ -22,8 +23,10 @@ from .sources import Signals
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
 SILENT_FOR = 0.8
 """Seconds without a callback after which a device is taken for gone."""
-BURST = 2.5
-"""As many more where it is not JACK: PulseAudio may take two seconds of samples at once."""
+SETTLES_IN = 3.0
+"""Seconds in which a device may come to its pace: PulseAudio first takes up to two seconds of samples at once, then none."""
+EVEN_FOR = 0.2
+"""Seconds of callbacks at one pace after which it is there."""
 
 
 def _sounddevice() -> ModuleType:
@@ -64,8 +67,8 @@ class PortAudioSink(Sink):
     PortAudio finds devices and servers when ``sounddevice`` is first imported: those that come later need a new process.  It
     says that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
 
-    PulseAudio and PipeWire mix channels into those of the card (7.1 for eight) unless the sink has a channel map of its own
-    (``channels=8 channel_map=aux0,aux1,..``) and ``remix`` is off; then each channel stays itself.
+    PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA gives in an order of its own, and mix what
+    does not match: ``docs/hardware.rst`` says how each channel stays itself.
 
     Examples
     --------
@@ -188,7 +191,21 @@ class PortAudioSink(Sink):
             self._stream.start()
         except sd.PortAudioError as e:
             raise SinkError(f"portaudio: {self._called(sd)} cannot be started: {e}") from None
+        if self.clocked:
+            self._settle()
         threading.Thread(target=self._watch_device, name="stimlib device", daemon=True).start()
+
+    def _settle(self) -> None:
+        """Wait, in silence, until callbacks come at an even pace: what is played before is heard late, and its fades are cut."""
+        pace = max(0.1, 3.0 * self._latency())
+        began = even = last = time.monotonic()
+        calls = self.pump.read("CALLS")
+        while (t := time.monotonic()) - even < max(EVEN_FOR, 2.0 * pace) and t - began < SETTLES_IN and not self._ended.is_set():
+            if (now := self.pump.read("CALLS")) != calls:
+                calls, last = now, t
+            elif t - last > pace:
+                even = t
+            time.sleep(0.002)
 
     def _finished(self) -> None:
         self._ended.set()
@@ -196,16 +213,15 @@ class PortAudioSink(Sink):
     def _watch_device(self) -> None:
         """A device that is gone ends its stream, or calls no more, without a word."""
         polls, calls = 0, -1
-        patience = SILENT_FOR if "JACK" in self._called(_sounddevice()) else SILENT_FOR + BURST
         while not self._closed:
             ended = self._ended.wait(0.05)
             if self._closed:
                 return
             now = self.pump.read("CALLS")
             polls, calls = (polls + 1 if now == calls else 0), now
-            if ended or (self.clocked and polls * 0.05 >= patience):
+            if ended or (self.clocked and polls * 0.05 >= SILENT_FOR):
                 self._silent = not ended
-                why = "has ended the stream" if ended else f"has taken no samples for {patience:g} s"
+                why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
                 self._device_lost(f"the device {why}: is it still there? No fade-out was possible")
                 return
 

@@ -247,15 +247,19 @@ class Pulse:
         self.folder, self.rate, self.channels = Path(folder), rate, channels
         run = self.folder / "run"
         run.mkdir(mode=0o700)
+        seven = ["front-left", "front-right", "rear-left", "rear-right", "front-center", "lfe", "side-left", "side-right"]
+        names = [*seven, *(f"aux{k}" for k in range(channels - 8))][:channels]  # in the order in which ALSA has them
+        places = f"channel_map={','.join(names)}" if channels > 2 else ""
         (self.folder / "null.pa").write_text(
             "load-module module-native-protocol-unix\n"
-            f"load-module module-null-sink sink_name=null rate={rate} channels={channels} format=float32le\n"
+            f"load-module module-null-sink sink_name=null rate={rate} channels={channels} {places} format=float32le\n"
             "set-default-sink null\n"
         )
+        (self.folder / "daemon.conf").write_text("enable-remixing = no\n")  # each channel stays itself
         cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")  # not that of the new HOME
         self.environment = {
             "STIMLIB_CACHE": cache, "XDG_RUNTIME_DIR": str(run), "HOME": str(self.folder), "JACK_NO_START_SERVER": "1",
-            "PULSE_SERVER": f"unix:{run}/pulse/native",
+            "PULSE_SERVER": f"unix:{run}/pulse/native", "PULSE_CONFIG": str(self.folder / "daemon.conf"),
         }  # fmt: skip
         self._run = partial(subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL)
         options = ["--exit-idle-time=-1", "--daemonize=no", "--use-pid-file=no", "--disallow-exit"]
@@ -273,13 +277,17 @@ class Pulse:
     def record(self):
         """Begin to record what arrives at the sink."""
         self._file = open(self.folder / "captured.raw", "wb")
-        form = ["--format=float32le", f"--rate={self.rate}", f"--channels={self.channels}", "--raw", "--latency-msec=20"]
+        form = ["--format=float32le", f"--rate={self.rate}", f"--channels={self.channels}", "--raw", "--no-remap"]
+        form.append("--latency-msec=20")
         self._recorder = self._run(["parec", "-d", "null.monitor", *form], stdout=self._file)
         for _ in range(100):
             if self._run(["pactl", "list", "short", "source-outputs"], stdout=subprocess.PIPE).communicate(timeout=10)[0]:
                 return
             time.sleep(0.05)
         raise RuntimeError("parec does not record")
+
+    def remove_the_sink(self):
+        assert self._run(["pactl", "unload-module", "module-null-sink"], stdout=subprocess.DEVNULL).wait(10) == 0
 
     def frames(self):
         """What was recorded, (n, channels); ends the recorder."""

@@ -78,6 +78,22 @@ def test_freewheel_is_exact(fs, block, channels):
         freewheel(server, channels, 2.0)
 
 
+def test_a_sink_closed_in_freewheel_leaves_the_server_as_it_was():
+    with Jackd(1000, 16) as server:
+        for _ in range(3):
+            with sink(textured(1), motion={"x1": HAND["x1"]}, server=server.name) as s:
+                s.open(1000)
+                s.freewheel(True)
+                s.start(1.0)
+                s.wait(20)
+        real = time.monotonic()
+        with sink(steady(), 1.0, server=server.name) as s:
+            s.open(1000)
+            s.start(0.5)
+            s.wait(20)
+        assert time.monotonic() - real > 0.5, "at its own pace"
+
+
 class Take:
     """What a session has left behind: its log, its report, and what a second client has captured of it, by JACK's time."""
 

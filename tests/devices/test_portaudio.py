@@ -71,6 +71,9 @@ try:
         if told["stall"]:
             sink.pump.write("STALL", told["stall"])
             sink.wait()
+        if told["hold"]:
+            print("played", flush=True)
+            sys.stdin.readline()
 except stimlib.SinkError as e:
     error = str(e)
 report = sink.report().to_dict() if sink._opened else None
@@ -82,15 +85,16 @@ class Player:
     """A session in a process of its own."""
 
     def __init__(
-        self, environment, fs, channels, block, seconds, *, outputs=1, wait=60, steady=False, stall=0, code=PLAYER, **options
-    ):
+        self, environment, fs, channels, block, seconds, *, outputs=1, code=PLAYER,
+        wait=60, steady=False, stall=0, hold=False, **options,
+    ):  # fmt: skip
         env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])} | environment
         self.child = subprocess.Popen(
             [sys.executable, "-c", textwrap.dedent(code)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
         )  # fmt: skip
         told = dict(fs=fs, channels=channels, block=block, seconds=seconds, outputs=outputs, wait=wait, options=options)
-        self.say(json.dumps(told | {"steady": steady, "stall": stall}))
+        self.say(json.dumps(told | {"steady": steady, "stall": stall, "hold": hold}))
 
     def say(self, line):
         self.child.stdin.write(line + "\n")
@@ -180,19 +184,26 @@ def on_jack(server):
 
 
 def over_jack(server, channels, seconds=2.0, **options):
-    """A session in freewheel mode, captured by a second client."""
+    """A session in freewheel mode, captured by a second client.
+
+    The server goes at its pace again before the session's client ends: libjack 1.9.21 may recurse without end (and take the
+    capturing process with it) when a client leaves a graph that runs without a clock.
+    """
     fs, outputs = server.rate, min(channels, 2)
     n = round(seconds * fs)
-    with Capture(server.name, channels, n + 60 * fs) as capture:
-        told = dict(outputs=outputs, name="system", clocked=False)
+    room = max(n + 60 * fs, 4_000_000)  # without a clock a 1000 Hz server runs some million frames a second until it is told "go"
+    with Capture(server.name, channels, room) as capture:
+        told = dict(outputs=outputs, name="system", clocked=False, hold=True)
         with Player(on_jack(server), fs, channels, server.block, seconds, **(told | options)) as player:
             player.until("open")
             connected(capture, channels)
             capture.client.set_freewheel(True)
             player.say("go")
             player.until("playing")
-            report, events, error = player.end()
+            player.until("played")
             capture.client.set_freewheel(False)
+            player.say("end")
+            report, events, error = player.end()
         frames = capture.frames.copy()
     assert error is None and (report["produced"], report["lost"]) == (n, 0)
     is_exact(frames, events, fs, channels, outputs, seconds)
@@ -391,14 +402,18 @@ STRESS = pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make s
 PULSE = shutil.which("pulseaudio") and shutil.which("parec")
 
 
-@pytest.mark.skipif(not PULSE, reason="needs PulseAudio (tests/devices/install.sh)")
-@STRESS  # PulseAudio has a clock: on a busy machine it may take no samples for longer than the sink waits
-@pytest.mark.parametrize("fs, channels", [(8000, 1), (48000, 2)])
-def test_over_pulseaudio_is_exact_after_the_lost_head(tmp_path, fs, channels):
-    """A null sink with a clock of its own: what its monitor has recorded is one piece of the offline render."""
+needs_pulse = pytest.mark.skipif(not PULSE, reason="needs PulseAudio (tests/devices/install.sh)")
+
+
+@needs_pulse
+@STRESS  # PulseAudio has a clock: on a busy machine it may lose samples that no sink can help
+@pytest.mark.parametrize("fs, channels", [(8000, 1), (48000, 2), (48000, 8), (8000, 24)])
+def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
+    """A null sink with a clock of its own, recorded at its monitor."""
     seconds = 1.5
+    outputs = min(channels, 2)
     with Pulse(tmp_path, fs, channels) as server:
-        with Player(server.environment, fs, channels, None, seconds, outputs=channels, name="pulse") as player:
+        with Player(server.environment, fs, channels, None, seconds, outputs=outputs, name="pulse") as player:
             player.until("open")
             server.record()
             player.say("go")
@@ -407,21 +422,34 @@ def test_over_pulseaudio_is_exact_after_the_lost_head(tmp_path, fs, channels):
         time.sleep(0.3)  # until the recorder has what the server still holds
         frames = server.frames()
     assert error is None
-    assert report["delivered"] + report["lost"] == report["produced"] == round(seconds * fs)
-    scene = textured(channels)
-    hand = {name: HAND[name] for name in scene.inputs}
-    expected = offline(scene, Safety(50.0), hand, fs, round(seconds * fs), events, list(range(channels)), seed=7)
-    sound = np.flatnonzero(frames.any(axis=1))
-    got = frames[sound[0] : sound[-1] + 1]
-    begins = np.flatnonzero((expected[: len(expected) - 64] == got[0]).all(axis=1))
-    starts = [k for k in begins if np.array_equal(expected[k : k + 64], got[:64])]
-    assert starts and len(got) > len(expected) // 2, "most of it arrives"
-    assert any(np.array_equal(expected[k : k + len(got)], got) for k in starts)
+    assert (report["produced"], report["lost"]) == (round(seconds * fs), 0)
+    is_exact(frames, events, fs, channels, outputs, seconds)
+
+
+@needs_pulse
+@pytest.mark.parametrize("what", ["sink", "server"])
+def test_what_pulseaudio_takes_away_is_a_typed_error(tmp_path, what):
+    with Pulse(tmp_path) as server:
+        with Player(server.environment, 8000, 1, None, None, steady=True, name="pulse") as player:
+            player.until("open")
+            player.say("go")
+            player.until("playing")
+            time.sleep(0.3)
+            if what == "sink":
+                server.remove_the_sink()
+            else:
+                server.__exit__()
+            began = time.monotonic()
+            report, _, error = player.end()
+            took = time.monotonic() - began
+    assert "the device has" in error and "still there" in error
+    assert report["delivered"] + report["lost"] == report["produced"] > 0
+    assert took < 1.0 + CLOSE_WITHIN + 2.0, "a second for the error, two for close, and the end of the interpreter"
 
 
 # Everything ----------------------------------------------------------------------------------------------------------
 @STRESS
-@pytest.mark.parametrize("fs, block", list(itertools.product((8000, 48000), (16, 32, 64))))
+@pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):
     for channels in (1, 2, 8, 24):
         to_a_file(tmp_path, fs, channels, block, 10.0)
@@ -431,6 +459,6 @@ def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):
 @needs_jack()
 @pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_over_jack_is_exact_everywhere(fs, block):
-    for channels in (1, 2, 8, 24):
-        with Jackd(fs, block) as server:
+    with Jackd(fs, block) as server:
+        for channels in (1, 2, 8, 24):
             over_jack(server, channels, 3.0)
