@@ -229,10 +229,9 @@ def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
     return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (1 - np.cos(pi * d))
 
 
-def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: float) -> np.ndarray:
-    """Mean of the unipolar wave over u[n-1] .. u[n], paper 003, figure 4.1; 0 off contact."""
-    u = u.astype(np.longdouble)
-    d = np.longdouble(duty)
+def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray) -> np.ndarray:
+    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n, paper 003, figure 4.1; 0 off contact."""
+    u, d = u.astype(np.longdouble), duty.astype(np.longdouble)
     touching = contact > 0
     before = np.r_[u[:1], u[:-1]]
     first = touching & ~np.r_[False, touching[:-1]]
@@ -252,15 +251,15 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: float
     return np.where(touching, e, 0).astype(float)
 
 
-def carrier_half(freq: float, fs: float, n: int) -> np.ndarray:
-    """Positive half wave of a sinusoid, each sample a mean over the sample period, set right at freq."""
-    step = np.longdouble(freq) / np.longdouble(fs)
+def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:
+    """Positive half wave of a sinusoid with a frequency for each sample: means over the sample period, set right at freq (Hz)."""
+    step = freq.astype(np.longdouble) / np.longdouble(fs)
     pi = np.longdouble(math.pi)
 
     def integral(z):
         s = z - np.floor(z)
         return np.floor(z) / pi + np.where(s < 0.5, (1 - np.cos(2 * pi * s)) / (2 * pi), 1 / pi)
 
-    t = np.arange(n, dtype=np.longdouble) * step
+    t = np.cumsum(step) - step
     mean = (integral(t + step / 2) - integral(t - step / 2)) / step
     return (mean / (np.sin(pi * step) / (pi * step))).astype(float)

@@ -12,16 +12,15 @@ from ..errors import BadValue, SinkError
 from ..graph import Input
 from ..scene import Scene
 from .report import Report
-from .verify import LIVE, Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
+from .verify import Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
 
 
 def verify_log(log: Log, scene: Scene | None = None) -> Report:
     """Prove the delivered samples of a session from its log.
 
     The scene is run again on the logged motion, with the live numbers set where they were. Its samples are verified like those
-    of a rendering: blocks, noise, limits, and the law of the scene. A law that does not know changes of live numbers is held
-    against the samples before the first. Passed through a safety stage of their own, the samples must be those that were
-    delivered, in every bit, and these must have the logged hashes.
+    of a rendering: blocks, noise, limits, and the law of the scene, which follows the live numbers by itself. Passed through a
+    safety stage of their own, the samples must be those that were delivered, in every bit, and these must have the logged hashes.
 
     Parameters
     ----------
@@ -82,16 +81,13 @@ def _at_once(at: int, ramp: float, fs: float) -> bool:
 
 
 def _lawful(e: Evidence, log: Log) -> tuple[Evidence, int]:
-    """The samples that the law can be held against: up to what is not finite, or to a change that it cannot follow."""
+    """The samples that the law can be held against: up to what is not finite."""
     n = log.frames
-    follows = log.scene.law in LIVE
-    first = None if follows else next((c for c in e.changes if not _at_once(c[0], c[3], e.fs)), None)
-    strange = np.flatnonzero(~np.isfinite(e.x).all(axis=0))
-    cut = min([n, *([first[0]] if first else []), *strange[:1].tolist()])
+    cut = int(np.append(np.flatnonzero(~np.isfinite(e.x).all(axis=0)), n)[0])
     if cut == n:
         return e, n
-    why = f"{first[1]} was changed" if first and first[0] == cut else "motion was not finite"
-    e.skipped.append(f"law of the scene: held against the samples before {cut} only ({cut / e.fs:.6g} s), where {why}")
+    why = f"({cut / e.fs:.6g} s), where the motion was not finite"
+    e.skipped.append(f"law of the scene: held against the samples before {cut} only {why}")
     taps = [dc.replace(t, gated=t.gated[:cut], gate=t.gate[:cut]) for t in e.taps]
     x, y, shown = (np.ascontiguousarray(a[:, :cut]) for a in (e.x, e.y, e.shown))
     return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}), cut

@@ -520,27 +520,27 @@ def _bumps(e: Evidence) -> list[Check]:
         return []
     rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
     n = e.x.shape[1]
-    contact = rows.get("contact", np.ones(n)) * (e.params["A"] != 0)
+    A, duty, freq = (_live(e, name) for name in ("A", "duty", "freq"))
+    contact = rows.get("contact", np.ones(n)) * (A != 0)
     u = rows["x"] * per_metre
-    shape = laws.bump_envelope(u, contact, envelope.waveform, e.params["duty"])
-    wave = laws.carrier_half(e.params["freq"], e.fs, n)
+    shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
+    wave = laws.carrier_half(freq, e.fs)
     e.curves |= {"envelope": shape, "carrier": wave}
-    top = gain * abs(e.params["A"]) or 1.0
-    error = float(np.abs(e.y[0] / top - np.sign(e.params["A"]) * shape * wave).max())
+    top = gain * float(np.abs(A).max()) or 1.0
+    error = float(np.abs(e.y[0] - gain * A * shape * wave).max() / top)
     checks = [Check("d", "voltage: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
     checks.append(Check("e", "voltage: none off contact", float(np.abs(e.y[0, contact <= 0]).max(initial=0.0)), 0.0, "V"))
-    speed = np.diff(u) * e.fs
-    if n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and contact.all() and abs(u[-1] - u[0]) >= 1:
+    speed, steady = np.diff(u) * e.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0
+    if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and contact.all() and abs(u[-1] - u[0]) >= 1:
         whole = int(abs(u[-1] - u[0]))
         y = e.y[0, 1 : 1 + round(whole / abs(speed[0]) * e.fs)] / top
-        model = am.sampled_rms(envelope.waveform, e.params["duty"], 1.0, abs(speed[0]), e.params["freq"], e.fs)
+        model = am.sampled_rms(envelope.waveform, duty[0], 1.0, abs(speed[0]), freq[0], e.fs)
         text = f"{whole} bumps at {abs(speed[0]):.3g}/s; one carrier phase differs by up to 3 %"
         checks.append(Check("d", "voltage: rms of the line spectrum", abs(float(np.sqrt(np.mean(y**2))) / model - 1), 0.05, text))
     return checks
 
 
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {"squeeze": _squeeze, "viscoelastic": _viscoelastic, "bumps": _bumps}
-LIVE = ("squeeze", "viscoelastic")  # laws that follow live numbers that are changed on the way
 
 
 def _motor_limits(e: Evidence) -> list[Check]:
