@@ -7,7 +7,7 @@ import dataclasses as dc
 import numpy as np
 
 from ..devices.log import Hashes, Log, blocks, changed_motion, delivered, motion_of, processor
-from ..devices.safety import protect, to_device
+from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
 from ..graph import Input
 from ..scene import Scene
@@ -93,12 +93,22 @@ def _lawful(e: Evidence, log: Log) -> tuple[Evidence, int]:
     return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}), cut
 
 
+def _unguarded(e: Evidence, log: Log) -> np.ndarray:
+    """The verified samples as the safety stage gets them: from a fault on it has its own guard."""
+    proc, y = processor(log), e.shown.copy()
+    for _ in blocks(log, proc):
+        pass
+    for name, at in Watch(proc).faults().items():
+        y[log.outputs.index(name), at:] = np.nan
+    return y
+
+
 def _delivered(e: Evidence, log: Log) -> list[Check]:
     """What the device got, in three steps: accounted for, equal to the replay, equal to the verified samples made safe."""
     names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
     inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
     stage = protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety)
-    fed = dc.replace(log, motion=e.shown.T, inputs=tuple(names))
+    fed = dc.replace(log, motion=_unguarded(e, log).T, inputs=tuple(names))
     safe, scales = blocks(fed, processor(fed, stage)), log.safety.scales(log.outputs)
     hashes, differ, end, queue = Hashes(log.spans), 0, 0, np.empty((0, len(log.channels)), np.float32)
     for at, frames, given in delivered(log):

@@ -115,8 +115,9 @@ def _above_0(name: str, v: Any) -> float:
 def protect(scene: Scene, safety: Safety) -> Scene:
     """A scene whose outputs are safe for a device.
 
-    Every output goes through its guard against what is not finite, the peak and static force (outputs in N), the slew
-    limit, a clip at full scale, and the fade: times the live number ``sink_gain``, which is 0 until it is set.
+    Every output is limited to the peak force (outputs in N) and to full scale; then come its guard against what is not
+    finite, the static force (outputs in N), the slew limit, and the fade: times the live number ``sink_gain``, which is 0 until
+    it is set.  Limits come first, so that the guard fades from what the device was given, not from what the scene ran away to.
 
     Parameters
     ----------
@@ -151,16 +152,18 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     scales = safety.scales(names)
     outputs: dict[str, Block] = {}
     for name, scale in zip(names, scales, strict=True):
-        y: Block = Guard(scene.outputs[name])
-        unit = str(y.dim)
-        if unit == "N" and safety.peak is not None:
-            y = Tally(ForceLimit(y, Const(safety.peak, "N")), y, "peak", name)
+        raw = scene.outputs[name]
+        unit = str(raw.dim)
+        y: Block = Guard(raw)
+        for stage, most in (("peak", safety.peak if unit == "N" else None), ("clip", float(scale))):
+            if most is not None:
+                raw = ForceLimit(raw, Const(most, "" if unit == "1" else unit))
+                y = Tally(Guard(raw), y, stage, name)
         if unit == "N" and safety.static is not None:
             y = Tally(static_limit(y, safety.static), y, "static", name)
         slew = safety._of("slew", name, names)
         if slew is not None:
             y = Tally(slew_limit(y, slew), y, "slew", name)
-        y = Tally(ForceLimit(y, Const(float(scale), "" if unit == "1" else unit)), y, "clip", name)
         outputs[name] = Mul(y, gain)
     return Scene(outputs)
 

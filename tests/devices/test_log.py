@@ -644,9 +644,10 @@ def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
     assert proven.passed, str(proven)
 
 
-@pytest.mark.parametrize("clocked", [True, False])
-def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked):
+@pytest.mark.parametrize("clocked, before", [(True, 0.0), (False, 0.0), (False, 1.0)])
+def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked, before):
     x = motion(16000)
+    x[0, 4999] += before  # m: far beyond full scale, so that the guard's fade is that of what was clipped
     x[0, 5000] = np.nan
     scene = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m")})
     sink = NullSink(scene, 50.0, clocked=clocked, realtime=False, motion={"x": x[0]}, log=tmp_path / "a.stimlog")

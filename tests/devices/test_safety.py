@@ -44,11 +44,11 @@ def test_every_stage_limits_and_counts(target):
     assert y[0, 99:103].tolist() == [0.0, 40.0, 50.0, 50.0], "slew, then full scale"
     assert y[1, 250:].tolist() == [-5.0] * 50, "no slew, no force rule: only the clip"
     counts = Watch(proc).counts()
-    assert counts == {"peak": {"force": 200}, "slew": {"force": 1}, "clip": {"force": 199, "x": 50}}
-    long = compiled(scene, safety, fs=1000)
-    y = long.process(np.stack([np.full(60_000, 79.0), np.zeros(60_000)]))
-    assert Watch(long).counts()["static"]["force"] > 30_000
-    assert y.max() <= 50.0
+    assert counts == {"peak": {"force": 200}, "slew": {"force": 1}, "clip": {"force": 200, "x": 50}}
+    long = compiled(scene, Safety({"force": 70.0, "x": 5.0}, peak=80.0, static=60.0), fs=1000, target=target)
+    y = long.process(np.stack([np.full(20_000, 79.0), np.zeros(20_000)]))
+    assert Watch(long).counts()["static"]["force"] > 5_000
+    assert y[0, -1] < 69.0 and y.max() == 70.0
 
 
 def test_what_is_not_finite_stops_its_output_and_says_where():
@@ -62,6 +62,28 @@ def test_what_is_not_finite_stops_its_output_and_says_where():
     assert Watch(proc).faults() == {"a": 200, "b": 300, "c": 300}
     assert np.abs(np.diff(y[0])).max() <= 0.5 / 160 * 1.001, "the guard fades in 20 ms"
     assert not y[0, 361:].any()
+
+
+@pytest.mark.parametrize("last", [1e3, 1e300, -1e308])
+@pytest.mark.parametrize("more", [{}, {"peak": 0.5}, {"static": 0.9}, {"slew": 1e4}])
+def test_a_scene_that_runs_away_fades_from_what_the_device_was_given(last, more):
+    """A filter that is not stable grows beyond all limits before it is no number: its last one is no place to fade from."""
+    x = np.r_[np.linspace(0, 0.9, 200), np.full(100, last), np.full(400, np.nan)]
+    proc = compiled(Scene({"F": 1 * Input("F", "N")}), Safety(1.0, **more))
+    y = proc.process(x[None])[0]
+    assert np.abs(y).max() <= 1.0
+    assert 0.3 < abs(y[299]) and np.abs(np.diff(y[299:])).max() <= 1 / 128, "it fades in 20 ms"
+    assert not y[299 + 162 :].any()
+    counts = Watch(proc).counts()
+    assert counts["clip" if not more.get("peak") else "peak"]["F"] < 360, "what is not finite is not counted"
+
+
+def test_a_slew_limit_comes_back_from_full_scale_at_once():
+    """It follows what was clipped, not what was asked for."""
+    x = np.r_[np.full(100, 1e6), np.zeros(400)]
+    y = compiled(Scene({"y": 1 * Input("x")}), Safety(1.0, slew=FS / 10)).process(x[None])[0]
+    assert np.allclose(y[:100], np.minimum(0.1 * np.arange(1, 101), 1.0))
+    assert np.abs(y[110:]).max() < 1e-12
 
 
 def test_a_fade_during_a_fault_has_no_step():
