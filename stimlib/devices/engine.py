@@ -76,7 +76,7 @@ class Pump:
             MAP=place(np.array(self.channels, integers)), SCALES=place(safety.scales(proc.outputs)),
             X=place(np.zeros(rows * n.CHUNK)), Y=place(np.zeros(outputs * n.CHUNK)),
             GAIN_SLOT=self.slots[GAIN], FADE=self.fade, FADE_AT=FOREVER, END=FOREVER, STALE_AFTER=round(STALE * proc.fs),
-            HOLD=place(np.zeros(rows)), C_RING=place(np.zeros(n.RECORD * n.COMMANDS, integers)),
+            HOLD=place(np.zeros(rows)), C_RING=place(np.zeros(n.RECORD * (n.COMMANDS + n.SPARE), integers)),
             E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)), LOG=int(log), L_SIZE=ring,
             OUTS=place(np.zeros(len(self.channels), integers)), STRIDE=1, INS=place(np.zeros(rows, integers)), IN_STRIDE=1,
             CLOCK=self._function("clock_gettime"), CLOCK_ID=time.CLOCK_MONOTONIC, TIME=place(np.zeros(2, integers)),

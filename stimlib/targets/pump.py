@@ -32,7 +32,7 @@ IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
 SET, LOSS, GONE, BACK, ENDING, GAP = 0, 1, 2, 3, 4, 5  # events: at, kind, three numbers
 STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
-COMMANDS, EVENTS, RECORD = 256, 4096, 5
+COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program
 BINS = 8 * 40  # of the histogram of block times: eight to the octave of ns
 
@@ -135,7 +135,7 @@ def commands(c, i):
     """What was asked for since the last block takes effect at sample i."""
     r, w = c[C_READ], load(c, C_WRITE)
     while r < w:
-        q = at(i8_at(c[C_RING]), RECORD * (r % COMMANDS))
+        q = at(i8_at(c[C_RING]), RECORD * (r % (COMMANDS + SPARE)))
         if q[0] == SET:
             set_param(c, i, q[1], q[2], q[3])
         elif q[0] == STOP and max(i, q[2]) < c[FADE_AT]:
@@ -525,9 +525,10 @@ def put_command(c_, kind, a, b, d):
     """0 when the ring is full."""
     c = data(c_)
     w = c[C_WRITE]
-    if w - load(c, C_READ) >= COMMANDS:
+    fade = kind == STOP or a == c[GAIN_SLOT]
+    if w - load(c, C_READ) >= COMMANDS + (SPARE if fade else 0):
         return 0
-    q = at(i8_at(c[C_RING]), RECORD * (w % COMMANDS))
+    q = at(i8_at(c[C_RING]), RECORD * (w % (COMMANDS + SPARE)))
     q[0], q[1], q[2], q[3] = kind, a, b, d
     store(c, C_WRITE, w + 1)
     return 1

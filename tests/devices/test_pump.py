@@ -95,6 +95,22 @@ def test_silent_before_the_start_and_after_the_end():
     assert not bench.out[-1].any() and bench.pump.index == 500
 
 
+def test_fades_have_room_where_changes_have_none():
+    """A program that floods a sink with changes can neither keep it silent nor keep it from ending."""
+    bench = Bench(Scene({"y": Param("level", 1.0) * 1}), None, full_scale=1.0)
+    fill = lambda: sum(bench.pump.set("level", 1.0, 1) for _ in range(300))  # noqa: E731
+    assert fill() == 256
+    bench.pump.start(None)
+    bench.block(512)
+    assert bench.out[-1][-1] == 1
+    assert fill() == 256
+    bench.pump.stop("stop")
+    bench.block(512)
+    assert bench.pump.state == bench.pump.native.DONE and not bench.out[-1][-1]
+    assert np.abs(np.diff(bench.heard()[:, 0], prepend=0)).max() <= 0.01
+    assert [kind for _, kind, _ in bench.events].count("set") == 2 * 256 + 2
+
+
 def test_lost_frames_are_produced_and_told():
     x = fingers(4000)
     bench = Bench(squeeze(), Recorded(x))
