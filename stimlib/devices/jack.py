@@ -144,7 +144,7 @@ class JackSink(Sink):
             )
         self.block = client.blocksize
         if self.realtime and not client.realtime:
-            self._real_time.refused.append("real-time priority (jackd runs without -R)")
+            self._refused.append("real-time priority (jackd runs without -R)")
         self._targets(client)
 
     def _targets(self, client: Any) -> list[Any]:
@@ -213,6 +213,8 @@ class JackSink(Sink):
         It goes at its pace again before the sink is closed: libjack may end a process whose graph a client leaves otherwise.
         """
         self.check()
+        if self._client is None:
+            raise SinkError("freewheel: this sink is not open")
         self._client.set_freewheel(on)
         self._wheels = on
 

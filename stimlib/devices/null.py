@@ -44,7 +44,7 @@ class NullSink(Sink):
 
     def _loop(self) -> None:
         if self.clocked and self.realtime and not fifo():
-            self._real_time.refused.append("real-time priority (ulimit -r)")
+            self._refused.append("real-time priority (ulimit -r)")
         self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clocked))
 
     def _close(self) -> None:

@@ -16,9 +16,9 @@ import sys
 import threading
 import time
 import warnings
-import weakref
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import Any, Self
@@ -35,6 +35,9 @@ from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 
 CLOSE_WITHIN = 2.0
 """Seconds in which ``close`` returns, whatever the device does."""
+
+LONGEST_BLOCK = 0.25
+"""Seconds of a device's block: a stop comes a block late, and must be over before ``close`` returns."""
 
 
 # Report --------------------------------------------------------------------------------------------------------------
@@ -98,31 +101,10 @@ class Report:
 MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 
-@dataclass
-class _RealTime:
-    """What the process does while a stream runs: no collection of old objects, memory stays in place."""
-
-    locked: bool = False
-    frozen: bool = False
-    refused: list[str] = field(default_factory=list)
-
-    def enter(self) -> None:
-        gc.collect()
-        gc.freeze()
-        self.frozen = True
-        libc = ctypes.CDLL(None, use_errno=True)
-        if not hasattr(libc, "mlockall") or libc.mlockall(MCL_CURRENT | MCL_ONFAULT) != 0:
-            self.refused.append("locking memory (ulimit -l)")
-        else:
-            self.locked = True
-
-    def leave(self) -> None:
-        if self.frozen:
-            gc.unfreeze()
-            self.frozen = False
-        if self.locked:
-            ctypes.CDLL(None).munlockall()
-            self.locked = False
+def _lock_memory() -> bool:
+    """Memory stays in place, that of now and what comes; False where that is not permitted."""
+    libc = ctypes.CDLL(None)
+    return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
 
 
 def fifo(priority: int = 60) -> bool:
@@ -134,11 +116,81 @@ def fifo(priority: int = 60) -> bool:
     return True
 
 
-# The protocol --------------------------------------------------------------------------------------------------------
+# The process, which several sinks may share -----------------------------------------------------------------------------
+ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
+"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that is closed."""
+
 _abandoned: list[Any] = []  # memory that a device which never let go may still use
-_open_sinks: weakref.WeakSet[Sink] = weakref.WeakSet()
+_open_sinks: set[Sink] = set()  # a device may call as long as its sink is open, so they are kept
+_playing: set[Sink] = set()  # from start to close
 
 
+def _end(number, frame) -> None:
+    raise SystemExit(128 + number)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def _begin_playing(sink: Sink) -> None:
+    """Signals end the program like an exception does, so that ``with`` and atexit fade out; old objects are not collected."""
+    _playing.add(sink)
+    if _in_main_thread():
+        for s in ENDS:
+            if signal.getsignal(s) is signal.SIG_DFL:
+                signal.signal(s, _end)
+    if sink.realtime:
+        gc.collect()
+        gc.freeze()
+        if not _lock_memory():
+            sink._refused.append("locking memory (ulimit -l)")
+
+
+def _end_playing(sink: Sink) -> None:
+    """The last one gives back what the first has taken."""
+    if sink not in _playing:
+        return
+    _playing.discard(sink)
+    if not _playing and _in_main_thread():
+        for s in ENDS:
+            if signal.getsignal(s) is _end:
+                signal.signal(s, signal.SIG_DFL)
+    if sink.realtime and not any(other.realtime for other in _playing):
+        gc.unfreeze()
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, "munlockall"):
+            libc.munlockall()
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Ctrl-C and the like come after what is in here: in the middle of a fade they would make it a click."""
+    if not _in_main_thread():
+        yield
+        return
+    came: list[int] = []
+    kept = {s: h for s in (signal.SIGINT, *ENDS) if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)}
+    for s in kept:
+        signal.signal(s, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for s, handler in kept.items():
+            signal.signal(s, handler)
+        for s in dict.fromkeys(came):
+            signal.raise_signal(s)
+
+
+@atexit.register
+def _close_all() -> None:
+    with _signals_wait():
+        for sink in list(_open_sinks):
+            with suppress(Exception):  # the others are to fade too
+                sink.close()
+
+
+# The protocol --------------------------------------------------------------------------------------------------------
 class Sink:
     """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four methods at the end.
 
@@ -162,8 +214,9 @@ class Sink:
 
     Notes
     -----
-    Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C and SIGTERM all fade out before the device is let
-    go; so does the end of the program.
+    Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C, SIGTERM and SIGHUP all fade out before the device is
+    let go; so does the end of the program.  ``start`` takes SIGTERM and SIGHUP where nobody else has, and only in the main
+    thread, as Python demands; of a program that starts its sinks elsewhere they are its own business.
 
     Examples
     --------
@@ -207,7 +260,6 @@ class Sink:
         self._earliest = 0  # sample before which no fade-out begins: a guard's own comes first
         self._opened = self._started = self._stopped = self._closed = False
         self._lock = threading.RLock()
-        self._old_term: Any = None
 
     def __repr__(self):
         at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}" if self._opened else ""
@@ -234,28 +286,36 @@ class Sink:
         BadValue, UnknownName
             Fewer channels than outputs; a channel for an output that does not exist.
         """
-        if self._opened:
-            raise SinkError("this sink has been opened before: make a new one for another session")
+        if self._opened or self._closed:
+            raise SinkError("this sink has been opened before, or closed: make a new one for another session")
         if block is not None and (isinstance(block, bool) or not isinstance(block, (int, np.integer)) or block < 1):
             raise BadValue(f"block = {block!r} must be a whole number of frames above 0")
         outputs = tuple(self.scene.outputs)
         self.map = _channel_map(channels, outputs)
         self.channels = len(self.map)
-        self.rate, self.block = float(rate), block
         self.proc = compile(self.protected, rate, seed=self.seed)
+        self.rate, self.block = self.proc.fs, block
         self._warm_up()
         for name, value in self.params.items():
             self.proc.set(name, value, ramp=0.0)
         self.proc.process(np.zeros((len(self.proc.inputs), 0)))  # they are there from the first sample on
         self.pump = Pump(self.proc, self.safety, self.map, self.motion, log=self._log_to is not None)
         self._watch = Watch(self.proc)
-        self._real_time = _RealTime()
+        self._refused: list[str] = []  # of what real time needs
+        self._let_go = threading.Event()
+        self._closer = threading.Thread(target=self._close_when_told, name="stimlib close", daemon=True)
+        self._closer.start()  # now: a program that ends starts no thread
         try:
             self._open()
+            if self.clock and self.block and self.block > LONGEST_BLOCK * self.rate:
+                raise SinkError(
+                    f"{self.device}: blocks of {self.block} frames are {self.block / self.rate:.2g} s, and a stop would come as "
+                    f"late: at most {int(LONGEST_BLOCK * self.rate)}"
+                )
         except BaseException:
             self._closed = True
-            if not self._limited(self._close, 1.0):
-                _abandoned.append((self.pump, self))
+            self._let_it_go(1.0)
+            self._closed = self._closer.is_alive()  # else it may be opened again: a server may come later
             raise
         self._opened = True
         _open_sinks.add(self)
@@ -291,8 +351,8 @@ class Sink:
             raise SinkError("start: open the sink first" if not self._opened else "start: this sink is closed")
         if self._started:
             raise SinkError("start: a sink plays once; make a new one, so that each session has its own log")
-        frames = length(self.motion) if seconds is None else round(float(seconds) * self.rate)
-        if frames is not None and not 0 < frames < 2**53:
+        frames = length(self.motion) if seconds is None else _samples("start: seconds", seconds, self.rate)
+        if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
         self._feeder = None
         if isinstance(self.motion, Scripted):
@@ -305,10 +365,8 @@ class Sink:
         self._stales = 0
         self._told: dict[str, dict[str, int]] = {}
         self._told_at = time.monotonic()
-        if self.realtime:
-            self._real_time.enter()
         self._started = True
-        self._take_sigterm()
+        _begin_playing(self)
         if self._feeder:
             self._feeder.start()
         self._over = threading.Event()
@@ -316,9 +374,9 @@ class Sink:
         self._worker.start()
         self._start()
         self.pump.start(frames)
-        if self._real_time.refused:
+        if self._refused:
             warnings.warn(
-                f"not permitted here: {' and '.join(self._real_time.refused)}; the stream may stutter when the machine is busy",
+                f"not permitted here: {' and '.join(self._refused)}; the stream may stutter when the machine is busy",
                 RuntimeWarning,
                 stacklevel=2,
             )
@@ -351,57 +409,53 @@ class Sink:
 
     def stop(self, reason: str = "stop") -> None:
         """Fade out and wait until the last sample has left; the device stays open, and silent."""
-        with self._lock:
+        with _signals_wait(), self._lock:
             if not self._started or self._stopped:
                 return
             self._stopped = True
-            interrupted = None
             self.pump.stop(reason, self._earliest)
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
             seen, since = -1, time.monotonic()
             while not self.finished and time.monotonic() < end:
-                try:
-                    if self.pump.index != seen:
-                        seen, since = self.pump.index, time.monotonic()
-                    if self._device_gone or time.monotonic() - since > 0.5:
-                        break  # no callback comes any more: nothing can be faded
-                    time.sleep(0.002)
-                except KeyboardInterrupt as e:  # the fade is short: let it end
-                    interrupted = e
+                if self.pump.index != seen:
+                    seen, since = self.pump.index, time.monotonic()
+                if self._device_gone or time.monotonic() - since > 2 * LONGEST_BLOCK:
+                    break  # no callback comes any more: nothing can be faded
+                time.sleep(0.002)
             if self.finished and self.clock and not self.pump.hurried and not self._device_gone:
                 time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
-            if interrupted:
-                raise interrupted
 
     def close(self) -> None:
         """Fade out, let the device go and end the log, within 2 s."""
-        with self._lock:
-            if self._closed or not self._opened:
+        began = time.monotonic()
+        try:
+            with _signals_wait(), self._lock:
+                if self._opened and not self._closed:
+                    self._close_by(began + CLOSE_WITHIN)
                 self._closed = True
-                return
-            began = time.monotonic()
-            try:
-                self.stop("close")
-            finally:
-                self._last_latency = self._latency()
-                self._closed = True
-                self.pump.write("STATE", self.pump.native.CLOSED)
-                self.pump.write("WAIT", 0)
-                if self._started and self._feeder:
-                    self._feeder.stop()
-                if not self._limited(self._close, max(0.2, began + CLOSE_WITHIN - 0.3 - time.monotonic())):
-                    _abandoned.append((self.pump, self))
-                    warnings.warn(
-                        f"{self.device}: the device did not let go; it was left behind, silent", RuntimeWarning, stacklevel=2
-                    )
-                if self._started:
-                    self._over.set()
-                    self._worker.join(max(0.1, began + CLOSE_WITHIN - 0.1 - time.monotonic()))
+        finally:
+            _end_playing(self)
+
+    def _close_by(self, end: float) -> None:
+        try:
+            self.stop("close")
+        finally:
+            self._last_latency = self._latency()
+            self._closed = True
+            self.pump.write("STATE", self.pump.native.CLOSED)
+            self.pump.write("WAIT", 0)
+            if self._started and self._feeder:
+                self._feeder.stop()
+            if not self._let_it_go(max(0.2, end - 0.3 - time.monotonic())):
+                why = f"{self.device}: the device did not let go; it was left behind, silent"
+                warnings.warn(why, RuntimeWarning, stacklevel=3)
+            if self._started:
+                self._over.set()
+                if threading.current_thread() is not self._worker:  # as where a log calls close
+                    self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
                     if self._worker.is_alive():
-                        warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=2)
-                self._real_time.leave()
-                self._give_sigterm()
-                _open_sinks.discard(self)
+                        warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
+            _open_sinks.discard(self)
 
     def __enter__(self) -> Self:
         return self
@@ -411,23 +465,25 @@ class Sink:
         if kind is None:
             self.check()
 
-    def _limited(self, f: Any, seconds: float) -> bool:
-        """Call f in a thread of its own; False when it has not come back in time."""
-        t = threading.Thread(target=self._quietly, args=(f,), daemon=True, name="stimlib close")
-        t.start()
-        t.join(seconds)
-        return not t.is_alive()
+    def _let_it_go(self, seconds: float) -> bool:
+        """Have the device closed; False when that has not come back in time, and the memory it works on is kept."""
+        self._let_go.set()
+        self._closer.join(seconds)
+        if self._closer.is_alive():
+            _abandoned.append((self.pump, self))
+        return not self._closer.is_alive()
 
-    def _quietly(self, f: Any) -> None:
+    def _close_when_told(self) -> None:
+        self._let_go.wait()
         try:
-            f()
+            self._close()
         except Exception as e:
-            if self.error is None:
+            if self.error is None and self._opened:
                 self.error = SinkError(f"{self.device}: closing failed: {e}")
 
     # While it plays ----------------------------------------------------------------------------------------------
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a live number from the next block on; the log has the sample.
+        """Change a live number from the next block on; the log has the sample.  A session that has faded out keeps it as it was.
 
         Parameters
         ----------
@@ -445,17 +501,14 @@ class Sink:
             The device has failed, or takes no changes.
         """
         self.check()
-        if not self._opened:
-            raise SinkError("set: open the sink first")
+        if not self._opened or self._closed:
+            raise SinkError("set: open the sink first" if not self._opened else "set: this sink is closed")
         if name not in self.scene.params:
             raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
-        if not math.isfinite(float(value)):
-            raise BadValue(f"set({name!r}, {value}): the value must be finite")
-        if not (math.isfinite(float(ramp)) and ramp >= 0):
-            raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
-        samples, end = max(1, round(float(ramp) * self.rate)), time.monotonic() + 1.0
-        while not self.pump.set(name, float(value), samples):
-            if time.monotonic() > end or not self._started or self.finished:
+        value, samples = _number(f"set: {name}", value), max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
+        end = time.monotonic() + 1.0
+        while not self.finished and not self.pump.set(name, value, samples):
+            if time.monotonic() > end or not self._started:
                 raise SinkError(f"set({name!r}): 256 changes wait already and the device takes none")
             time.sleep(0.001)
 
@@ -482,7 +535,10 @@ class Sink:
         self.check()
         if not isinstance(self.motion, Live) or not self._opened:
             raise SinkError("push: make the sink with motion=Live() and open it")
-        x = np.ascontiguousarray(x, np.float64)
+        try:
+            x = np.ascontiguousarray(x, np.float64)
+        except (TypeError, ValueError) as e:
+            raise BadValue(f"push: x must be numbers ({e})") from None
         if x.ndim != 2 or x.shape[0] != len(self.proc.inputs):
             raise BadValue(
                 f"push: x must be of shape ({len(self.proc.inputs)}, n), rows {', '.join(self.proc.inputs)}; got {x.shape}"
@@ -575,6 +631,8 @@ class Sink:
     def _drain(self) -> None:
         """Everything that has come, in the order of samples; then what the safety stage has counted."""
         writer, p = self._writer, self.pump
+        if writer is not None and p.read("DROPPED"):
+            raise SinkError(f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for the disk")
         while len(x := p.motion()):
             if writer is not None:
                 writer.motion(np.ascontiguousarray(x.T))
@@ -624,19 +682,6 @@ class Sink:
         if self._writer is not None:
             self._writer.event(at, kind, **more)
 
-    # Signals -----------------------------------------------------------------------------------------------------
-    def _take_sigterm(self) -> None:
-        """SIGTERM ends the program like an exception does, so that ``with`` and atexit fade out."""
-        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            self._old_term = signal.SIG_DFL
-            signal.signal(signal.SIGTERM, _end)
-
-    def _give_sigterm(self) -> None:
-        if self._old_term is not None and threading.current_thread() is threading.main_thread():
-            if signal.getsignal(signal.SIGTERM) is _end:
-                signal.signal(signal.SIGTERM, self._old_term)
-            self._old_term = None
-
     # What a device fills in --------------------------------------------------------------------------------------
     def _open(self) -> None:
         """Take the device for ``self.rate``, ``self.channels``, ``self.block`` and give it ``self.pump``; SinkError if not."""
@@ -654,14 +699,22 @@ class Sink:
         return 0.0
 
 
-def _end(number, frame) -> None:
-    raise SystemExit(128 + number)
+def _number(what: str, v: Any) -> float:
+    try:
+        number = float(v)
+    except (TypeError, ValueError, OverflowError):
+        raise BadValue(f"{what} = {str(v)[:40]} must be a number") from None
+    if not math.isfinite(number):
+        raise BadValue(f"{what} = {number} must be finite")
+    return number
 
 
-@atexit.register
-def _close_all() -> None:
-    for sink in list(_open_sinks):
-        sink.close()
+def _samples(what: str, seconds: Any, rate: float) -> int:
+    """A time in samples."""
+    number = _number(what, seconds)
+    if not 0 <= number * rate < 2**53:
+        raise BadValue(f"{what} = {number:g} must be a time in seconds, at least 0, of less than 2**53 samples")
+    return round(number * rate)
 
 
 def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:

@@ -127,6 +127,8 @@ def test_life_in_the_wrong_order():
     with pytest.raises(SinkError, match="open the sink first"):
         sink.set("level", 1.0)
     sink.close()
+    with pytest.raises(SinkError, match="or closed: make a new one"):
+        sink.open(FS)
     sink = fast(steady())
     sink.open(FS)
     with pytest.raises(SinkError, match="opened before"):
@@ -140,6 +142,8 @@ def test_life_in_the_wrong_order():
     sink.close()
     with pytest.raises(SinkError, match="closed"):
         sink.start()
+    with pytest.raises(SinkError, match="closed"):
+        sink.set("level", 1.0)
     assert "NullSink" in repr(sink)
 
 
@@ -147,6 +151,7 @@ def test_life_in_the_wrong_order():
     "arguments, error, text",
     [
         ({"rate": 0}, BadValue, "sample rate"),
+        ({"rate": None}, BadValue, "fs must be a number"),
         ({"rate": FS, "channels": 1}, BadValue, "fewer"),
         ({"rate": FS, "channels": ["a", "c"]}, UnknownName, "no output 'c'"),
         ({"rate": FS, "channels": "a"}, BadValue, "list"),
@@ -167,16 +172,24 @@ def test_what_cannot_be_set():
             sink.set("sink_gain", 0.5)
         with pytest.raises(BadValue, match="finite"):
             sink.set("level", np.nan)
-        with pytest.raises(BadValue, match="ramp"):
-            sink.set("level", 1.0, ramp=-1)
+        with pytest.raises(BadValue, match="level = loud must be a number"):
+            sink.set("level", "loud")
+        for ramp in (-1, np.inf, 1e18, None):
+            with pytest.raises(BadValue, match="ramp"):
+                sink.set("level", 1.0, ramp=ramp)
         for k in range(256):
             sink.set("level", k)
         with pytest.raises(SinkError, match="256 changes"):
             sink.set("level", 1.0)
-    with pytest.raises(BadValue, match="seconds"):
-        with fast(steady()) as sink:
-            sink.open(FS)
-            sink.start(seconds=0)
+    with fast(steady()) as sink:
+        sink.open(FS)
+        for seconds in (0, -1, 1e-5, np.nan, np.inf, "long"):
+            with pytest.raises(BadValue, match="seconds"):
+                sink.start(seconds)
+    with fast(Scene({"y": 1 * Input("x")}), motion=Live()) as sink:
+        sink.open(FS)
+        with pytest.raises(BadValue, match="push: x must be numbers"):
+            sink.push([["far"]])
     with pytest.raises(BadValue, match="Scene"):
         NullSink("squeeze", 1.0)
 
@@ -221,6 +234,31 @@ def test_a_log_that_fails_ends_the_session():
             sink.start()
             sink.wait(10)
     assert sink.finished and sink.pump.index < 5 * FS, "it has faded out"
+
+
+def test_a_log_that_cannot_take_every_change_is_told():
+    with pytest.raises(SinkError, match="the log cannot follow"):
+        with clocked(steady(), log=Seen()) as sink:
+            sink.open(FS)
+            sink.start()
+            sink.pump.write("DROPPED", 1)
+            sink.wait(10)
+
+
+def test_a_log_may_close_its_sink():
+    class Closes(Seen):
+        def event(self, at, kind, **data):
+            super().event(at, kind, **data)
+            if data.get("name") == "level":
+                sink.close()
+
+    log = Closes()
+    sink = clocked(steady(), log=log)
+    sink.open(FS)
+    sink.start()
+    sink.set("level", 0.5)
+    sink._worker.join(10)
+    assert sink.error is None and log.end["produced"] == sum(map(len, log.frames)) + log.end["lost"]
 
 
 def test_a_log_that_fails_does_not_cut_the_fade_short():
@@ -293,6 +331,7 @@ print("playing", flush=True)
     [
         ("sink.wait(20)", signal.SIGTERM, 143),
         ("sink.wait(20)", signal.SIGINT, -2),
+        ("sink.wait(20)", signal.SIGHUP, 129),
         ("with sink: sink.wait(20)", signal.SIGTERM, 143),
         ("with sink: sink.wait(20)", signal.SIGINT, -2),
         ("raise SystemExit(3)", None, 3),
@@ -318,6 +357,62 @@ def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
     with np.load(path) as saved:
         y, events = saved["frames"], [(at, "lost", {"frames": n}) for at, n in saved["lost"].tolist()]
     assert y.max() == 1.0 and y[-1] == 0 and largest_step(y, events) <= 0.01
+
+
+@pytest.mark.parametrize("what", [signal.SIGINT, signal.SIGTERM])
+def test_an_impatient_signal_does_not_cut_the_fade_or_the_log(tmp_path, what):
+    """Ctrl-C again and again: the fade is half a second here, the device takes another half to close."""
+    slow = """
+sink._close_now, sink._close = sink._close, lambda: (time.sleep(0.5), sink._close_now())
+with sink: sink.wait(20)"""
+    path, text = tmp_path / "frames.npz", CHILD
+    text = text.replace("1.0)}), 1.0,", "1.0)}), Safety(1.0, fade=0.5),").replace("time.sleep(0.2)", "time.sleep(0.8)")
+    text = "from stimlib.devices.safety import Safety\n" + text + slow
+    child = subprocess.Popen([sys.executable, "-c", text, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert child.stdout.readline() == "playing\n", child.stderr.read()
+        for _ in range(5):
+            child.send_signal(what)
+            time.sleep(0.15)
+        child.communicate(timeout=30)
+    finally:
+        child.kill()
+    assert child.returncode == (-2 if what == signal.SIGINT else 143)
+    with np.load(path) as saved:
+        y, events = saved["frames"], [(at, "lost", {"frames": n}) for at, n in saved["lost"].tolist()]
+    assert y.max() == 1.0 and y[-1] == 0 and largest_step(y, events) <= 0.01
+
+
+def test_a_program_that_ends_needs_no_new_thread_to_close(monkeypatch):
+    """From Python 3.12 on none can be started then."""
+
+    def no(self):
+        raise RuntimeError("can't create new thread at interpreter shutdown")
+
+    log = Seen()
+    sink = clocked(steady(), log=log)
+    sink.open(FS)
+    sink.start()
+    monkeypatch.setattr(threading.Thread, "start", no)
+    sink.close()
+    assert not sink._thread.is_alive() and log.end["produced"] == sink.report().produced
+
+
+def test_sinks_share_the_process():
+    """The first to close leaves signals and memory as the second needs them."""
+    import gc
+
+    with NullSink(steady(), 1.0, realtime=True) as first, NullSink(steady(), 1.0, realtime=True) as second:
+        for sink in (first, second):
+            sink.open(FS)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # what is not permitted here
+                sink.start()
+        first.close()
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+        assert gc.get_freeze_count() > 0
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert gc.get_freeze_count() == 0
 
 
 def test_sigterm_is_given_back():
@@ -351,6 +446,25 @@ def test_close_comes_back_from_a_device_that_hangs():
         sink.close()
     assert time.monotonic() - began < CLOSE_WITHIN
     assert sink.pump.state == sink.pump.native.CLOSED
+    Stuck.let_go.set()
+
+
+def test_close_comes_back_while_another_thread_stops():
+    """Their times together."""
+    Stuck.let_go.clear()
+    sink = Stuck(steady(), Safety(1.0, fade=0.5), realtime=False)
+    sink.open(FS)
+    sink.start()
+    time.sleep(0.2)
+    other = threading.Thread(target=sink.stop)
+    other.start()
+    while not sink._stopped:
+        time.sleep(0.001)
+    began = time.monotonic()
+    with pytest.warns(RuntimeWarning, match="left behind"):
+        sink.close()
+    assert time.monotonic() - began < CLOSE_WITHIN
+    other.join()
     Stuck.let_go.set()
 
 
@@ -389,6 +503,56 @@ def test_a_device_that_cannot_be_opened_is_let_go():
         sink.open(FS)
     assert sink.closed
     sink.close()
+
+
+def test_a_device_that_comes_later_can_be_opened_then():
+    class Late(NullSink):
+        there = False
+
+        def _open(self):
+            if not self.there:
+                raise SinkError("no server")
+            super()._open()
+
+    sink = Late(steady(), 1.0, clocked=False)
+    with pytest.raises(SinkError, match="no server"):
+        sink.open(FS)
+    sink.there = True
+    with sink:
+        sink.open(FS)
+        sink.start(seconds=0.1)
+        sink.wait(10)
+    assert sink.report().produced == 800 and not sink._thread.is_alive()
+
+
+def test_blocks_that_are_longer_than_a_stop_may_take_are_refused():
+    with pytest.raises(SinkError, match="blocks of 2001 frames are 0.25 s.*at most 2000"):
+        clocked(steady()).open(FS, block=2001)
+    with clocked(steady()) as sink:
+        sink.open(FS, block=2000)
+        sink.start()
+        sink.wait(0.6)
+    assert sink.pump.read("FADING") == 1 and sink.pump.index == sink.pump.read("END"), "it has faded out"
+    with fast(steady()) as sink:  # no clock, no time
+        sink.open(FS, block=8000)
+
+
+def test_an_open_sink_is_kept_though_nobody_holds_it():
+    """The device calls into its memory."""
+    import gc
+    import weakref
+
+    class Silent(NullSink):
+        def _open(self):
+            self.block = 64
+
+    sink = Silent(steady(), 1.0)
+    sink.open(FS)
+    seen = weakref.ref(sink)
+    del sink
+    gc.collect()
+    assert seen() is not None
+    seen().close()
 
 
 # Real time -----------------------------------------------------------------------------------------------------------
