@@ -20,6 +20,7 @@ from stimlib.checks.agreement import agreement
 from stimlib.graph import registry
 from stimlib.maths import where
 from stimlib.targets import blockforms, recurrence, traced
+from stimlib.targets import jax as jax_target
 
 TABLE = {e.name: e for e in contract.TABLE}
 N = 3000
@@ -334,6 +335,66 @@ def test_32_bit_mode_is_never_silent():
         jax.grad(lambda k: f({"k": k}, {"x": np.ones(3)})["y"].sum())(1.0)
     assert f(None, {"x": np.array([0.1])})["y"].dtype == np.float64  # on its own it sees to that itself
     assert not jax.config.read("jax_enable_x64")
+    with jax.enable_x64(False), pytest.raises(BadValue, match="enable_x64"):
+        jax.jit(lambda: f(None, {"x": np.ones(3)})["y"])()  # although nothing that it is given is traced
+
+
+def test_arrays_of_jax_keep_their_digits_in_32_bit_mode():
+    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x")}), 1000, "jax")
+    x = np.array([0.1, 0.2, 0.3])
+    with jax.enable_x64(True):
+        row, k = jax.numpy.asarray(x), jax.numpy.asarray(0.7)
+    for rows in ({"x": row}, row[None]):
+        assert np.array_equal(f({"k": k}, rows)["y"], 0.7 * x)
+
+
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_runs_of_no_sample(wide, dtype):
+    scene = Scene({"y": Param("k", 1.0) * Input("x"), "g": b.loading(Input("x"), 0.5, 0.1)})
+    f = stimlib.compile(scene, 1000, "jax", dtype=dtype)
+    with jax.enable_x64(wide):
+        y = f.decisions(None, {"x": np.ones(0)})
+    assert {name: v.shape for name, v in y.items()} == dict.fromkeys((*f.outputs, *f.gates), (0,))
+    assert y["y"].dtype == dtype
+
+
+NUMBERS = {
+    "list": [0.0, 1.0, 2.0],
+    "whole": np.arange(3),
+    "yes or no": np.array([False, True, True]),
+    "other byte order": np.arange(3.0).astype(">f8"),
+    "longer": np.arange(3, dtype=np.longdouble),
+    "strided": np.arange(6.0)[::2],
+    "float32": np.arange(3, dtype=np.float32),
+}
+
+
+@pytest.mark.parametrize("kind", NUMBERS)
+def test_numbers_of_any_kind(kind):
+    """As motion, live number and gate: what numpy makes of them; and one number as motion holds throughout."""
+    x, k, k_ = Input("x"), Param("k", 1.0), NUMBERS[kind]
+    f = stimlib.compile(Scene({"y": k * x, "z": b.where(x > 0.5, 1.0, 0.0)}), 1000, "jax")
+    wanted = np.asarray(k_, float)
+    assert np.array_equal(f(None, {"x": k_})["y"], wanted)
+    assert np.array_equal(f({"k": k_}, {"x": 1.0})["y"], wanted)
+    assert np.array_equal(f({"k": k_}, [k_])["y"], wanted**2)
+    assert np.array_equal(f(None, {"x": np.zeros(3)}, gates={f.gates[0]: k_})["z"], wanted > 0)
+
+
+def test_other_numbers_compile_nothing_anew(monkeypatch):
+    traced_blocks = []
+    run = jax_target._run_block
+    monkeypatch.setattr(jax_target, "_run_block", lambda b, *args: traced_blocks.append(b) or run(b, *args))
+    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x") * b.white_noise(1)}), 1000, "jax")
+    x = np.ones(5)
+    f(None, {"x": x})
+    once = len(traced_blocks)
+    for k, key in ((2, 3), (np.float32(2), np.int8(3)), (np.array(2), np.array(3)), (True, 2**64 - 1)):
+        f({"k": k}, {"x": x.astype(int)}, key)
+    with jax.enable_x64(True):
+        f({"k": jax.numpy.asarray(2.0)}, {"x": jax.numpy.asarray(x)}, jax.numpy.asarray(3))
+    assert len(traced_blocks) == once > 0
 
 
 @pytest.mark.parametrize(
@@ -344,13 +405,37 @@ def test_32_bit_mode_is_never_silent():
         (dict(motion={}), UnknownName, "lacks the input 'x'"),
         (dict(motion=np.ones((2, 3))), BadValue, r"array \(1, n\)"),
         (dict(params={"k": np.ones(4)}), BadValue, "one length"),
+        (dict(params={"k": np.ones(1)}), BadValue, "got x: 3, k: 1"),
+        (dict(params={"k": np.ones((2, 3))}), BadValue, r"live number 'k'.*shape \(2, 3\).*jax.vmap"),
+        (dict(params={"k": np.nan}), BadValue, "live number 'k' is not finite"),
+        (dict(params={"k": [1.0, np.inf, 1.0]}), BadValue, "live number 'k' is not finite at sample 1"),
+        (dict(params={"k": "2"}), BadValue, "live number 'k' must be"),
+        (dict(params={"k": None}), BadValue, "live number 'k' must be"),
+        (dict(params={"k": 2j}), BadValue, "live number 'k' must be"),
+        (dict(params=2.0), BadValue, "params must be a dict"),
+        (dict(motion={"x": np.ones((3, 1))}), BadValue, r"input 'x'.*shape \(3, 1\).*jax.vmap"),
+        (dict(motion={"x": np.ones((3, 1)) * 1j}), BadValue, "input 'x' must be real"),
+        (dict(motion={"x": np.sin}), BadValue, "input 'x' must be real numbers.*sample it"),
+        (dict(motion={"x": [[1.0], [1.0, 2.0]]}), BadValue, "input 'x' must be"),
+        (dict(motion={"x": 1.0}), BadValue, "say n"),
+        (dict(motion={"x": 1.0}, n=-1), BadValue, "n = -1"),
+        (dict(motion={"x": 1.0}, n=2.0), BadValue, "n = 2.0"),
+        (dict(motion={"x": 1.0}, n=True), BadValue, "n = True"),
+        (dict(n=5), BadValue, "got x: 3, n: 5"),
         (dict(gates={"g": np.ones(3)}), UnknownName, "no gate 'g'"),
+        (dict(gates=[1]), BadValue, "gates must be a dict"),
+        (dict(gates={"gate 5": np.ones(4)}), BadValue, "gate 5: 4"),
         (dict(key=-1), BadValue, "key = -1"),
+        (dict(key=2**64), BadValue, "key = 18446744073709551616"),
         (dict(key=0.5), BadValue, "key = 0.5"),
+        (dict(key="1"), BadValue, "key = '1'"),
+        (dict(key=np.array(-3)), BadValue, "key = -3"),
+        (dict(key=np.arange(2)), BadValue, "jax.vmap"),
+        (dict(key=jax.random.key(0)), BadValue, "whole number"),
     ],
 )
 def test_bad_calls(call, error, text):
-    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x")}), 1000, "jax")
+    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x"), "g": Input("x") > 0.5}), 1000, "jax")
     with pytest.raises(error, match=text):
         f(**{"motion": {"x": np.ones(3)}, **call})
 
@@ -359,8 +444,12 @@ def test_bad_options():
     scene = Scene({"y": 2 * Input("x")})
     with pytest.raises(BadValue, match="float64, float32"):
         stimlib.compile(scene, 1000, "jax", dtype="float16")
-    with pytest.raises(BadValue, match="surrogate"):
-        stimlib.compile(scene, 1000, "jax", surrogate=0.0)
+    for surrogate in (0.0, -1, np.nan, np.inf, "a"):
+        with pytest.raises(BadValue, match="surrogate"):
+            stimlib.compile(scene, 1000, "jax", surrogate=surrogate)
+    for seed in (-1, 1.5, "a", 2**64):
+        with pytest.raises(BadValue, match="seed = "):
+            stimlib.compile(scene, 1000, "jax", seed=seed)
     with pytest.raises(BadValue, match="only target='jax'"):
         stimlib.compile(scene, 1000, dtype="float32")
     with pytest.raises(BadValue, match="stimlib.compile"):

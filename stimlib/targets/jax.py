@@ -7,6 +7,8 @@ could be enabled, of which the gate picks those that were.
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -46,9 +48,10 @@ class Function:
     def __init__(self, scene: Any, fs: float, seed: int = 0, dtype: str = "float64", surrogate: float | None = None):
         if dtype not in DTYPES:
             raise BadValue(f"dtype = {dtype!r}: choose one of {', '.join(DTYPES)}")
-        if surrogate is not None and not surrogate > 0:
-            raise BadValue(f"surrogate = {surrogate!r} must be above 0, or None for gates whose derivative is 0")
-        self.scene, self.fs, self.seed, self.dtype, self.surrogate = scene, rate(fs), seed, dtype, surrogate
+        if surrogate is not None and not (isinstance(surrogate, (int, float)) and 0 < surrogate < math.inf):
+            raise BadValue(f"surrogate = {surrogate!r} must be a number above 0, or None for gates whose derivative is 0")
+        self.scene, self.fs, self.dtype, self.surrogate = scene, rate(fs), dtype, surrogate
+        self.seed = int(_key("seed", seed))
         self.program: Program = lower(scene.outputs)
         self.design = [q.block.design(self.fs) if q.kind == "block" else ((), ()) for q in self.program.instances]
         check_memory(self.program, self.design, self.fs)
@@ -79,26 +82,28 @@ class Function:
         params : dict of str to scalar or array (n,)
             Live numbers by name, in their units; those not given have their initial values.  An array is one value per
             sample; before sample 0 its first value holds.
-        motion : dict of str to array (n,), or array (n_inputs, n)
-            Every input, in its unit.
+        motion : dict of str to array (n,) or scalar, or array (n_inputs, n)
+            Every input, in its unit.  A scalar holds throughout.
         key : int
             Of all noise of this run, as ``seed`` of ``stimlib.compile``.
         n : int
-            Samples, for a scene without inputs.
+            Samples, where no array tells it.
         gates : dict of str to array (n,)
             Decisions to take instead of the function's own, by the names of ``gates``: those of another run.
 
         Returns
         -------
         dict of str to array (n,)
-            Each output; numpy's where JAX is in 32-bit mode and its own arrays would lose digits.
+            Each output; numpy's where JAX is in 32-bit mode and its own arrays would lose digits.  From the first sample on that
+            is not finite, an output fades as that of the processor does.
 
         Raises
         ------
         UnknownName
-            A name that the scene does not have.
+            A name that the scene does not have, or an input that is missing.
         BadValue
-            Arrays of different lengths, or JAX in 32-bit mode inside a transformation.
+            What is not real numbers; arrays of different lengths or of more than one dimension; a live number that is not
+            finite; a key outside 0 .. 2**64 - 1; JAX in 32-bit mode inside a transformation.
 
         Examples
         --------
@@ -115,63 +120,51 @@ class Function:
         return self._call(params, motion, key, n, None, self.outputs + self.gates)
 
     def _call(self, params, motion, key, n, gates, wanted):
-        params, motion, gates = dict(params or {}), self._rows(motion), dict(gates or {})
-        for what, given, known in (
-            ("live number", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
-        ):  # fmt: skip
-            for name in given:
-                if name not in known:
-                    raise UnknownName(f"no {what} {name!r}; this scene has {', '.join(known) or 'none'}")
-        for name in self.inputs:
-            if name not in motion:
-                raise UnknownName(f"the motion lacks the input {name!r}")
-        key = self.seed if key is None else key
-        if isinstance(key, (int, np.integer)):
-            if not 0 <= key < 2**64:
-                raise BadValue(f"key = {key} must be a whole number from 0 to 2**64 - 1")
-            key = np.uint64(key)
-        elif np.ndim(key) or not jnp.issubdtype(jnp.result_type(key), jnp.integer):
-            raise BadValue(f"key = {key!r} must be a whole number; for many runs, map over keys with jax.vmap")
-        lengths = {np.shape(v)[-1] for v in [*motion.values(), *gates.values(), *params.values()] if np.ndim(v)}
-        if n is not None:
-            lengths.add(n)
-        if len(lengths) != 1:
-            raise BadValue(
-                f"motion, live numbers and gates must have one length, got {sorted(lengths) or 'none'}"
-                + ("" if lengths else ": say n, the number of samples")
-            )
-        (size,) = lengths
-        if not size:
-            return {name: jnp.zeros(0, self.dtype) for name in wanted}
-        with_defaults = self.params | params
-        if any(isinstance(v, jax.core.Tracer) for v in jax.tree.leaves((with_defaults, motion, key, gates))):
-            if not jax.config.read("jax_enable_x64"):
-                raise BadValue(
-                    "JAX is in 32-bit mode, which would lose the motion's digits: put the transformation inside "
-                    "'with jax.enable_x64(True):', or say jax.config.update('jax_enable_x64', True) first"
-                )
-            return self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
-        if jax.config.read("jax_enable_x64"):
-            return self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
+        wide = jax.config.read("jax_enable_x64")
+        if not wide and _traced((params, motion, key, gates)):
+            raise BadValue(NARROW)
         with jax.enable_x64(True):
-            signals = self._jitted(with_defaults, motion, key, gates, n=size, wanted=wanted)
-            return {name: np.asarray(v) for name, v in signals.items()}  # JAX's own would lose half their digits outside
+            if motion is not None and not isinstance(motion, Mapping):
+                motion = self._rows(motion)
+            params, motion, gates = _named("params", params), _named("motion", motion), _named("gates", gates)
+            for what, given, known in (
+                ("live number", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
+            ):  # fmt: skip
+                for name in given:
+                    if name not in known:
+                        raise UnknownName(f"no {what} {name!r}; this scene has {', '.join(known) or 'none'}")
+            for name in self.inputs:
+                if name not in motion:
+                    raise UnknownName(f"the motion lacks the input {name!r}")
+            motion = {name: _real(f"input {name!r}", v) for name, v in motion.items()}
+            gates = {name: _real(name, v) for name, v in gates.items()}
+            params = {name: _real(f"live number {name!r}", v) for name, v in (self.params | params).items()}
+            for name, v in params.items():
+                if isinstance(v, np.ndarray) and not np.isfinite(v).all():
+                    at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
+                    raise BadValue(f"live number {name!r} is not finite{at}")
+            key = _key("key", self.seed if key is None else key)
+            size = _length({**motion, **params, **gates}, n)
+            if size:
+                signals = self._jitted(params, motion, key, gates, n=size, wanted=wanted)
+            else:
+                signals = {name: jnp.zeros(0, self.dtype) for name in wanted}
+        if wide:
+            return signals
+        if _traced(signals):  # by a transformation of what does not reach f
+            raise BadValue(NARROW)
+        return {name: np.asarray(v) for name, v in signals.items()}  # JAX's own would lose half their digits outside
 
     def _rows(self, motion: Any) -> dict[str, Any]:
-        if motion is None:
-            return {}
-        if isinstance(motion, Mapping):
-            return dict(motion)
-        if np.ndim(motion) != 2 or np.shape(motion)[0] != len(self.inputs):
-            raise BadValue(
-                f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got shape {np.shape(motion)}"
-            )
-        return {name: motion[i] for i, name in enumerate(self.inputs)}
+        if not isinstance(motion, jax.Array):
+            motion = _array("motion", motion)
+        if motion.ndim != 2 or motion.shape[0] != len(self.inputs):
+            raise BadValue(f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got shape {motion.shape}")
+        return dict(zip(self.inputs, motion, strict=True))
 
     # The program -------------------------------------------------------------------------------------------------
     def _signals(self, params, motion, key, gates, n, wanted):
         instances, early = self.program.instances, lead(self.fs)
-        key = jnp.asarray(key).astype(jnp.uint64)
         value: dict[int, Any] = {}
         total = {ROOT: early + n}  # samples of each clock, with those before its sample 0
         opened: dict[int, Any] = {}  # gate of each enabled clock, over its parent's samples
@@ -192,13 +185,13 @@ class Function:
             clock = max(q.clock, ROOT)
             size = total.get(clock, 0) if q.autonomous else n
             if q.kind == "input":
-                value[i] = jnp.asarray(motion[q.block.name], jnp.float64)  # type: ignore[attr-defined]
+                value[i] = spread(motion[q.block.name], n)  # type: ignore[attr-defined]
                 continue
             if isinstance(q.block, Const):
                 value[i] = np.float64(q.block.value)
                 continue
             if isinstance(q.block, Param):
-                value[i] = jnp.asarray(params[q.block.name], jnp.float64)
+                value[i] = params[q.block.name]
                 continue
             if q.kind == "close":
                 by, inside = opened[q.child], value[q.args[1]]
@@ -215,12 +208,12 @@ class Function:
             given = gates.get(f"gate {i}")
             if q.kind == "open":
                 by = spread(jnp.asarray(x[0]) > 0, size)
-                opened[q.child] = by if given is None else jnp.concatenate([by[: size - n], jnp.asarray(given) > 0])
+                opened[q.child] = by if given is None else jnp.concatenate([by[: size - n], spread(given > 0, n)])
                 total[q.child] = early + size
                 value[i] = opened[q.child].astype(jnp.float64)
                 continue
             if given is not None:
-                value[i] = jnp.concatenate([jnp.zeros(size - n), jnp.asarray(given, jnp.float64)])
+                value[i] = jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
                 continue
             run = Run(size, self.fs, key, jnp.dtype(self.dtype), self.surrogate)
             p, s = self.design[i]
@@ -229,6 +222,74 @@ class Function:
         return {name: _tail(value[named[name]], n) for name in wanted}
 
 
+# What is given -------------------------------------------------------------------------------------------------------
+NARROW = (
+    "JAX is in 32-bit mode, which would lose the motion's digits: put the transformation inside "
+    "'with jax.enable_x64(True):', or say jax.config.update('jax_enable_x64', True) first"
+)
+
+
+def _traced(values: Any) -> bool:
+    return any(isinstance(v, jax.core.Tracer) for v in jax.tree.leaves(values))
+
+
+def _named(what: str, given: Any) -> dict[str, Any]:
+    if given is not None and not isinstance(given, Mapping):
+        raise BadValue(f"{what} must be a dict by name, got {type(given).__name__}")
+    return dict(given or {})
+
+
+def _array(what: str, v: Any) -> np.ndarray:
+    try:
+        a = np.asarray(v)
+    except ValueError:
+        a = np.array(None)
+    if a.dtype.kind not in "biuf":
+        remedy = "; sample it, at np.arange(n)/fs" if callable(v) else ""
+        raise BadValue(f"{what} must be real numbers, got {type(v).__name__ if a.dtype.kind in 'OUS' else a.dtype}{remedy}")
+    return a
+
+
+def _real(what: str, v: Any) -> Any:
+    """A number or a row of them, as float64: other types would have f compiled anew."""
+    if not isinstance(v, jax.Array):
+        v = _array(what, v)
+    elif not (jnp.issubdtype(v.dtype, jnp.floating) or jnp.issubdtype(v.dtype, jnp.integer) or v.dtype == jnp.bool_):
+        raise BadValue(f"{what} must be real numbers, got {v.dtype}")
+    if v.ndim > 1:
+        raise BadValue(f"{what} must be one number or a row (n,), got shape {v.shape}; for many runs use jax.vmap")
+    return v.astype(np.float64)
+
+
+def _key(what: str, key: Any) -> Any:
+    """A run's key, as uint64."""
+    if isinstance(key, jax.core.Tracer):
+        if key.ndim or not jnp.issubdtype(key.dtype, jnp.integer):
+            raise BadValue(f"{what} must be a whole number, got {key.dtype} of shape {key.shape}; for many runs use jax.vmap")
+        return key.astype(np.uint64)
+    try:
+        number = operator.index(key)
+    except TypeError:
+        raise BadValue(f"{what} = {key!r} must be a whole number; for many runs use jax.vmap") from None
+    if not 0 <= number < 2**64:
+        raise BadValue(f"{what} = {number} must be a whole number from 0 to 2**64 - 1")
+    return np.uint64(number)
+
+
+def _length(rows: Mapping[str, Any], n: Any) -> int:
+    """Samples of a run."""
+    if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0):
+        raise BadValue(f"n = {n!r} must be a whole number of samples, at least 0")
+    lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | ({} if n is None else {"n": int(n)})
+    if not lengths:
+        raise BadValue("nothing tells how long the run is: say n, the number of samples")
+    if len(set(lengths.values())) > 1:
+        given = ", ".join(f"{name}: {size}" for name, size in lengths.items())
+        raise BadValue(f"motion, live numbers and gates must have one length, got {given}")
+    return next(iter(lengths.values()))
+
+
+# Blocks --------------------------------------------------------------------------------------------------------------
 def _tail(v: Any, n: int) -> Any:
     return v[v.shape[0] - n :] if jnp.ndim(v) else spread(jnp.asarray(v), n)
 
