@@ -144,6 +144,21 @@ def test_every_scene_equals_the_reference(name, dtype, tol):
     assert a.differences == 0, a
 
 
+POSITIONS = {  # differences of positions, which float32 does not hold
+    "taps": Scene({"y": b.fir(Input("x"), [1.0, -1.0])}),
+    "differentiator": Scene({"y": b.differentiator(Input("x"), 1000.0, 1500.0)}),
+    "short memory": scenes.viscoelastic(1.0, scheme="gl-short-memory"),
+    "short memory, an order between": scenes.viscoelastic(0.8, scheme="gl-short-memory"),
+}
+
+
+@pytest.mark.parametrize("name", POSITIONS)
+def test_positions_keep_their_digits_in_float32(name):
+    scene = POSITIONS[name]
+    a = agreement(scene, {i: strokes(6000, 8000.0) for i in scene.inputs}, 8000.0, dtype="float32")
+    assert a.worst < 1e-6, a
+
+
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_recorded_hands_meet_no_other_decision(name):
     recorded = hand(name)

@@ -99,13 +99,16 @@ def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: 
     return y.reshape(-1)[: x.shape[0]]
 
 
-def taps_tiles(taps: np.ndarray, x: Any, dtype: Any) -> Any:
-    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those before."""
+def taps_tiles(taps: np.ndarray, x: Any) -> Any:
+    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those before.
+
+    In the type of x: taps may take small differences, which noise has in float32 and a position has not.
+    """
     n, m = x.shape[0], taps.size
     before = -(-(m - 1) // TILE)
     k = before * TILE + np.arange(TILE) - np.arange((before + 1) * TILE)[:, None]
-    B = jnp.asarray(np.where((k >= 0) & (k < m), taps[np.clip(k, 0, m - 1)], 0.0), dtype)
-    tiles = jnp.pad(rows(x.astype(dtype), TILE), ((before, 0), (0, 0)))
+    B = jnp.asarray(np.where((k >= 0) & (k < m), taps[np.clip(k, 0, m - 1)], 0.0), x.dtype)
+    tiles = jnp.pad(rows(x, TILE), ((before, 0), (0, 0)))
     count = tiles.shape[0] - before
     parts = [tiles[j : j + count] @ B[j * TILE : (j + 1) * TILE] for j in range(before + 1)]
     return sum(parts[1:], parts[0]).reshape(-1)[:n]
@@ -137,7 +140,7 @@ def latest(mark: Any) -> Any:
 
 def fir(b, p, s, x, run):
     taps = p.taps[::-1][: int(p.order) + 1]
-    return taps_tiles(taps, spread(x[0], run.n), run.dtype)
+    return taps_tiles(taps, spread(x[0], run.n))
 
 
 def modes(b, p, s, x, run):
@@ -407,7 +410,7 @@ def short_memory(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
     z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
     if steady(x[1]):
-        return taps_tiles(p.taps[::-1], z, run.dtype)
+        return taps_tiles(p.taps[::-1], z)
     taps = jnp.asarray(p.taps)
 
     def body(line, row):
