@@ -22,7 +22,7 @@ from .scene import Scene
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band
-FAR = 300.0  # where a coordinate ends: exp(FAR) is a number
+FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a number
 
 
 # Coordinates ---------------------------------------------------------------------------------------------------------
@@ -36,9 +36,9 @@ class Range(NamedTuple):
     def value(self, u: Any, xp: Any = np) -> Any:
         """The number at the coordinate u; start at 0, rising, within low .. high for all u."""
         start, low, high = self
-        u = xp.clip(u, -FAR, FAR)
         if math.isinf(low) and math.isinf(high):
             return start + (abs(start) or 1.0) * u
+        u = xp.clip(u, -FAR, FAR)
         if math.isinf(high):
             return low + (start - low) * xp.exp(u)
         if math.isinf(low):
@@ -120,8 +120,10 @@ class View(NamedTuple):
 
 def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
     a = np.asarray(target)
-    if a.dtype.kind not in "iuf" or a.ndim != 1 or (n is not None and a.size != n):
-        raise BadValue(f"fit: the target of {name} must be {'' if n is None else f'{n} '}samples, got {a.dtype} {a.shape}")
+    if a.dtype.kind not in "iuf" or a.ndim != 1:
+        raise BadValue(f"fit: the target of {name} must be one row of real numbers, got {a.dtype} {a.shape}")
+    if n is not None and a.size != n:
+        raise BadValue(f"fit: the target of {name} must be {n} samples, got {a.size}")
     if not np.isfinite(a).all():
         raise BadValue(f"fit: the target of {name} is not finite at sample {int(np.argmin(np.isfinite(a)))}")
     if not a.any():
@@ -130,9 +132,9 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
 
 
 def _force(targets: Mapping[str, Any], n: int, weight: Any) -> View:
-    w = np.ones(n) if weight is None else np.asarray(weight, float)
-    if w.shape != (n,) or not np.isfinite(w).all() or not (w >= 0).all() or not w.any():
-        raise BadValue(f"fit: weight must be {n} finite numbers from 0 on, not all 0; got shape {w.shape}")
+    w = np.ones(n) if weight is None else np.asarray(weight)
+    if w.dtype.kind not in "biuf" or w.shape != (n,) or not np.isfinite(w).all() or not (w >= 0).all() or not w.any():
+        raise BadValue(f"fit: weight must be {n} finite numbers from 0 on, not all 0; got {w.dtype} {w.shape}")
     signals = {name: _signal(name, target, n) for name, target in targets.items()}
     root = {}
     for name, y in signals.items():
@@ -230,7 +232,7 @@ class Fit:
     """Loss at the start and after each step, shape (steps + 1,)."""
     steps: int
     converged: bool
-    """Whether the last step changed no number by more than ``tol``, relatively, where the loss is flat."""
+    """Whether the last step changed no number by more than ``tol``, relatively, where the loss is least and flat."""
     signals: dict[str, np.ndarray]
     """Every output with ``params``, each of shape (n,)."""
     scene: Scene
@@ -316,7 +318,7 @@ def fit(
         The most that are made.
     tol : float
         The search ends where a step changes every number by less than this, relatively, and the loss is flat: its slope is below
-        sqrt(tol) times that at the start, or times the loss.
+        sqrt(tol) times that at the start, or times the loss, but for no number exactly 0.
     optimiser : optax.GradientTransformation, optional
         By default ``optax.lbfgs()``, with its line search.
     progress : bool
@@ -432,18 +434,20 @@ def fit(
                 if history[-1] <= best[0]:
                     best = (history[-1], new)
                 change, u = float(np.abs(np.asarray(new) - np.asarray(u)).max()), new
-                flat = float(np.abs(grad).max()) <= math.sqrt(tol) * max(steep, abs(history[-1]))
-                converged = change <= tol and (flat or abs(history[-1]) <= tol**2)
+                effect = np.abs(grad)  # of each number; exactly 0 where it is out of reach, which is no minimum
+                flat = effect.all() and effect.max() <= math.sqrt(tol) * max(steep, abs(history[-1]))
+                least = history[-1] - best[0] <= tol * abs(best[0])
+                converged = change <= tol and least and bool(flat or abs(history[-1]) <= tol**2)
                 if change == 0:
                     break
-        least, at = best[0], np.asarray(best[1])
+        at = np.asarray(best[1])
         J, (misses, signals) = jax.tree.map(np.asarray, ending(best[1], x))
     found = {name: float(r.value(at[i])) for i, (name, r) in enumerate(ranges.items())}
     intervals = _confidence(at, J, misses, ranges) if J else {}
     start = {name: r.start for name, r in ranges.items()}
     units = {name: f.units[name] for name in ranges}
     return Fit(
-        found, intervals, least, np.array(history), len(history) - 1, converged, signals, _with(scene, found), start, units,
+        found, intervals, best[0], np.array(history), len(history) - 1, converged, signals, _with(scene, found), start, units,
         view.measure if view else "",
     )  # fmt: skip
 

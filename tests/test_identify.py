@@ -130,6 +130,13 @@ def test_a_bound_holds_where_the_best_lies_beyond():
     assert set(fit.params) == {"k"}
 
 
+def test_without_bounds_a_number_may_go_far():
+    """300 times its start, and past 0."""
+    start = {"k": (1.0, -math.inf, math.inf), "b": (-0.01, -math.inf, math.inf)}
+    fit = stimlib.fit(static, {"y": X}, rendered(static, k=-4e4, b=3e5), start, fs=FS)
+    assert fit.converged and fit.params == pytest.approx({"k": -4e4, "b": 3e5}, rel=1e-6)
+
+
 def test_several_outputs_by_name_and_functions_of_time():
     two = Scene({"f": spring(y, Param("k", 300.0, "N/m")), "g": first_order(y, 0.01) * Param("c", 2.0), "h": 2 * y})
     motion = {"y": lambda t: 0.01 * np.sin(9 * t)}
@@ -200,11 +207,15 @@ WRONG = {
     "must map names": (static, X, {}, {}),
     "not finite at sample 3": (static, np.where(np.arange(N) == 3, np.nan, X), {"k": 1.0}, {}),
     "0 throughout": (static, 0 * X, {"k": 1.0}, {}),
-    "target of force must be 600 samples": (static, X[None], {"k": 1.0}, {}),
     "at least 601 samples": (static, np.ones(601), {"k": 1.0}, {}),
     "the target of force has 600": (static, X, {"k": 1.0}, {"seconds": 0.5}),
     "no output 'f'": (static, {"f": X}, {"k": 1.0}, {}),
     "weight must be 600": (static, X, {"k": 1.0}, {"weight": -X}),
+    "weight must be 600 finite numbers from 0 on, not all 0; got <U3": (static, X, {"k": 1.0}, {"weight": "abc"}),
+    "must be one row of real numbers, got complex128 (600,)": (static, X + 0j, {"k": 1.0}, {}),
+    "must be one row of real numbers, got object ()": (static, None, {"k": 1.0}, {}),
+    "must be one row of real numbers, got float64 (1, 600)": (static, X[None], {"k": 1.0}, {}),
+    "seed = 1.5": (static, X, {"k": 1.0}, {"seed": 1.5}),
     "weight belongs to": (static, 1.0, {"k": 1.0}, {"weight": X, "loss": "rms"}),
     "needs band": (static, X, {"k": 1.0}, {"loss": "log_psd"}),
     "must rise within": (static, X, {"k": 1.0}, {"loss": "log_psd", "band": (10, 501)}),
@@ -246,6 +257,13 @@ def test_a_start_at_the_truth_stays_there():
     f = stimlib.compile(static, FS, target="jax")
     fit = stimlib.fit(static, {"y": X}, np.asarray(f({"k": 300.0}, {"y": X})["force"]), {"k": 300.0}, fs=FS)
     assert fit.converged and fit.steps <= 1 and fit.loss < 1e-28 and fit.params == pytest.approx({"k": 300.0}, rel=1e-13)
+
+
+@pytest.mark.parametrize(("k", "rate"), [(800.0, 1e6), (800.0, -1e6), (10.0, 1e6)])
+def test_a_search_that_left_its_valley_has_not_converged(k, rate):
+    """The first step goes where no number has an effect any more: to a greater loss, or to one only less than at the start."""
+    fit = stimlib.fit(static, {"y": X}, rendered(static, k=k), {"k": 300.0}, fs=FS, steps=20, optimiser=optax.sgd(rate))
+    assert fit.loss > 0.1 and fit.loss == fit.history.min() and not fit.converged
 
 
 def test_too_few_steps_are_not_called_converged():
