@@ -480,6 +480,22 @@ def test_a_block_that_owns_an_array_needs_a_lowering():
         recurrence.run_step(Delay.step, *Delay(Input("x"), 3, None).design(1000.0), [np.ones(5)], 5)
 
 
+@pytest.mark.parametrize(
+    ("motion", "n", "error", "text"),
+    [
+        ({}, 5, UnknownName, "x1 is missing"),
+        ({"x1": np.ones(3)}, 5, BadValue, "at least 5 samples"),
+        ({"x1": np.ones((3, 2))}, 3, BadValue, "one dimension"),
+        ({"x1": np.array([0.0, np.nan])}, None, BadValue, "not finite at sample 1"),
+        ({"x1": np.ones(0)}, None, BadValue, "give n"),
+        ({"x1": np.sin}, None, BadValue, "give n"),
+    ],
+)
+def test_what_cannot_be_compared(motion, n, error, text):
+    with pytest.raises(error, match=text):
+        agreement(scenes.squeeze(fingers=1), motion, 8000.0, n=n)
+
+
 # A GPU, where there is one -------------------------------------------------------------------------------------------
 def gpu():
     with warnings.catch_warnings():

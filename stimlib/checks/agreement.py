@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import BadValue
 from ..processor import Processor, compile
+from ..rendering import Motion, positions, sources_of
 from ..scene import Scene
 
 
@@ -45,7 +47,7 @@ class Agreement:
 
 def agreement(
     scene: Scene,
-    motion: Mapping[str, np.ndarray],
+    motion: Motion,
     fs: float,
     *,
     n: int | None = None,
@@ -61,12 +63,12 @@ def agreement(
     Parameters
     ----------
     scene : Scene
-    motion : dict of str to ndarray (n,)
-        Every input, in its unit.
+    motion : dict of str to callable or ndarray
+        Every input, as for ``stimlib.render``.
     fs : float
         In Hz.
     n : int, optional
-        Samples, for a scene without inputs.
+        Samples; by default those of the shortest array.
     params : dict of str to float, optional
         Live numbers from the first sample on.
     seed : int
@@ -76,6 +78,11 @@ def agreement(
     Returns
     -------
     Agreement
+
+    Raises
+    ------
+    BadValue, UnknownName
+        Inputs missing, too short or not finite; live numbers that the scene does not have; a run without samples.
 
     Examples
     --------
@@ -94,8 +101,10 @@ def agreement(
     proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
-    size = n if n is not None else min(len(v) for v in motion.values())
-    x = np.array([np.asarray(motion[name], float)[:size] for name in proc.inputs]).reshape(len(proc.inputs), size)
+    size = n if n is not None else min((len(v) for v in motion.values() if not callable(v)), default=0)
+    if size < 1:
+        raise BadValue("agreement: nothing tells how long the run is, or it has no sample: give n, at least 1")
+    x = positions(sources_of({i: motion[i] for i in proc.inputs if i in motion}, proc.inputs, size), 0, size, proc.fs)
     y = dict(zip(proc.outputs, proc.process(x), strict=True))
     gates = {g: y[p] > 0 for g, p in zip(f.gates, probes, strict=True)}
     rows = dict(zip(proc.inputs, x, strict=True))
