@@ -113,14 +113,24 @@ def _number(name: str, text: str) -> float:
         raise BadValue(f"--set {name}={text}: {text!r} is not a number") from None
 
 
+def _live(items: list[str]) -> dict[str, float]:
+    """Live numbers of --set."""
+    return {name: _number(name, text) for name, text in _pairs(items, "--set").items()}
+
+
+def _say(what: str, text: Any) -> None:
+    """One line on stderr, the text as it is."""
+    errors.print(f"{what} ", end="")
+    errors.print(str(text), markup=False, highlight=False, soft_wrap=True)
+
+
 @contextmanager
 def _friendly() -> Iterator[None]:
     """Errors of ours in one line, exit status 2; Ctrl-C quietly, exit status 130."""
     try:
         yield
     except StimlibError as e:
-        errors.print("[bold red]error:[/] ", end="")
-        errors.print(str(e), markup=False, highlight=False, soft_wrap=True)
+        _say("[bold red]error:[/]", e)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         errors.print("stopped; nothing was left behind")
@@ -207,7 +217,7 @@ def render_(
         from .rendering import render
 
         made = scene_of(scene)
-        values = {n: _number(n, v) for n, v in _pairs(set_, "--set").items()}
+        values = _live(set_)
         motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
         length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
@@ -261,8 +271,7 @@ def _notes() -> Iterator[None]:
     """Warnings in one line each."""
 
     def note(message: Any, *_: Any, **__: Any) -> None:
-        errors.print("[bold yellow]note:[/] ", end="")
-        errors.print(str(message), markup=False, highlight=False, soft_wrap=True)
+        _say("[bold yellow]note:[/]", message)
 
     with warnings.catch_warnings():
         warnings.simplefilter("default", RuntimeWarning)
@@ -327,7 +336,7 @@ def play(
         options: dict[str, Any] = {
             "motion": motions,
             "seed": seed,
-            "params": {n: _number(n, v) for n, v in _pairs(set_, "--set").items()},
+            "params": _live(set_),
             "log": log,
         }
         safety = _safety(full_scale, peak, static, slew)
@@ -356,10 +365,11 @@ def play(
         except (SinkError, FaultError) as e:
             if not playing._started:
                 raise
-            errors.print("[bold red]error:[/] ", end="")
-            errors.print(str(e), markup=False, highlight=False, soft_wrap=True)
+            _say("[bold red]error:[/]", e)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
+            if not playing._started:
+                raise
             errors.print("faded out")
             raise typer.Exit(130) from None
         finally:
@@ -446,7 +456,7 @@ def loopback(
             log=log,
             tolerance=tolerance,
             seed=seed,
-            params={n: _number(n, v) for n, v in _pairs(set_, "--set").items()},
+            params=_live(set_),
         )
         print(result)
     if not result.passed:

@@ -188,7 +188,9 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
         (["verify", "squeeze"], "say what to verify: SCENE --wav FILE, or --log LOG"),
         (["verify", "--wav", "a.wav"], "say what to verify: SCENE --wav FILE, or --log LOG"),
+        (["replay", "LOG/session.json"], "session.json is no log: that is the folder that a sink wrote"),
         (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
+        (["recover", "LOG"], "a log needs nothing, see stimlib replay"),
     ],
 )
 def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
@@ -234,7 +236,7 @@ def test_play_leaves_a_log_that_replays(tmp_path):
     assert done.exit_code == 0, done.output
 
 
-@pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
     from stimlib.devices.log import delivered, read_log, replay
 
@@ -282,12 +284,16 @@ def test_play_says_that_an_output_failed(tmp_path):
         (["squeeze", *HAND, "--device", "a"], "null has no device"),
         (["squeeze", *HAND, "--connect", "a"], "null has no ports"),
         (["squeeze", *HAND, "--sink", "jack", "--fast"], "a JACK server has its own pace"),
+        (["squeeze", *HAND, "--set", "sink_gain=1"], "no live number 'sink_gain'; this scene has k, A, level"),
         (["squeeze", *HAND, "--seconds", "0"], "must be at least one sample"),
+        (["squeeze", *HAND, "--seconds", "inf"], "seconds = inf must be finite"),
+        (["OWN:broken", *HAND, "--peak", "1"], "peak and static limit outputs in N, and this scene has none: y [meter**-1]"),
         (["squeeze", "--motion", "minimum_jerk()", "--full-scale", "-1"], "full_scale"),
     ],
 )
-def test_mistakes_in_playing_get_one_line(words, says):
-    done = run.invoke(app, ["play", *words])
+def test_mistakes_in_playing_get_one_line(tmp_path, words, says):
+    (tmp_path / "own.py").write_text(OWN)
+    done = run.invoke(app, ["play", *(w.replace("OWN", str(tmp_path / "own.py")) for w in words)])
     assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
     assert "Traceback" not in done.output and not done.stdout
 

@@ -325,7 +325,8 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
         return done
     part = _part(path)
     if not part.is_file():
-        raise SinkError(f"nothing to recover: there is no {part}")
+        log = "; a log needs nothing, see stimlib replay" if (path / "session.json").is_file() else ""
+        raise SinkError(f"nothing to recover: there is no {part}{log}")
     _load_sidecar(part, _sidecar(part), begun=True)
     with _locked(path):
         info = _load_sidecar(part, _sidecar(part), begun=True)

@@ -456,6 +456,8 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     See `LogWriter`.
     """
     folder = Path(folder)
+    if folder.exists() and not (folder / "session.json").exists():
+        raise SinkError(f"{folder} is no log: that is the folder that a sink wrote, with session.json in it")
     if not folder.is_dir():
         raise SinkError(f"there is no log {folder}")
     raw = _json(folder / "session.json")

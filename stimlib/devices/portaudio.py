@@ -36,6 +36,8 @@ def _sounddevice() -> ModuleType:
         raise SinkError(f"the package sounddevice is missing ({e}): {INSTALL}") from None
     except OSError as e:
         raise SinkError(f"the PortAudio library is missing ({e}): {INSTALL}") from None
+    except Exception as e:  # it is started with the import; its own error cannot be named then
+        raise SinkError(f"PortAudio does not start ({e}): see whether other programs play") from None
     _fade_first()
     return sounddevice
 

@@ -135,6 +135,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
         The scene has a live number or input ``sink_gain`` of its own.
     UnknownName
         Full scale or slew for an output that does not exist.
+    BadValue
+        A limit of force for a scene that has no output in N.
 
     Examples
     --------
@@ -149,6 +151,9 @@ def protect(scene: Scene, safety: Safety) -> Scene:
         raise SceneError(f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene")
     gain = Param(GAIN, 0.0)
     names = tuple(scene.outputs)
+    if (safety.peak or safety.static) and not any(str(b.dim) == "N" for b in scene.outputs.values()):
+        units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
+        raise BadValue(f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use full_scale or slew")
     scales = safety.scales(names)
     outputs: dict[str, Block] = {}
     for name, scale in zip(names, scales, strict=True):

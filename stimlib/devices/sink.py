@@ -94,6 +94,7 @@ class Report:
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         more += [f"motion stale {self.stale} times"] if self.stale else []
         more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
+        more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
         return "; ".join([line, *more])
 
 
@@ -297,6 +298,7 @@ class Sink:
         self.rate, self.block = self.proc.fs, block
         self._warm_up()
         for name, value in self.params.items():
+            self._need_live(name)
             self.proc.set(name, value, ramp=0.0)
         self.proc.process(np.zeros((len(self.proc.inputs), 0)))  # they are there from the first sample on
         self.pump = Pump(self.proc, self.safety, self.map, self.motion, log=self._log_to is not None)
@@ -503,14 +505,17 @@ class Sink:
         self.check()
         if not self._opened or self._closed:
             raise SinkError("set: open the sink first" if not self._opened else "set: this sink is closed")
-        if name not in self.scene.params:
-            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
+        self._need_live(name)
         value, samples = _number(f"set: {name}", value), max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
                 raise SinkError(f"set({name!r}): 256 changes wait already and the device takes none")
             time.sleep(0.001)
+
+    def _need_live(self, name: str) -> None:
+        if name not in self.scene.params:  # the fade is not theirs to set
+            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
 
     def push(self, x: np.ndarray) -> int:
         """Columns of a live motion, one per sample.

@@ -170,6 +170,8 @@ def test_what_cannot_be_set():
         sink.open(FS)
         with pytest.raises(UnknownName, match="no live number 'sink_gain'; this scene has level"):
             sink.set("sink_gain", 0.5)
+        with pytest.raises(UnknownName, match="no live number 'sink_gain'; this scene has level"):
+            fast(steady(), params={"sink_gain": 1.0}).open(FS)
         with pytest.raises(BadValue, match="finite"):
             sink.set("level", np.nan)
         with pytest.raises(BadValue, match="level = loud must be a number"):

@@ -364,6 +364,24 @@ def test_what_is_missing_is_named_with_its_command(monkeypatch, missing, text):
         sink().open(8000)
 
 
+def test_a_portaudio_that_does_not_start_is_told(monkeypatch):
+    """sounddevice starts it with the import; its error is then of a class that cannot be imported."""
+    from stimlib.devices.available import devices
+
+    real = builtins.__import__
+
+    def broken(name, *rest, **more):
+        if name == "sounddevice":
+            raise RuntimeError("Error initializing PortAudio")
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", broken)
+    with pytest.raises(SinkError, match="PortAudio does not start .*initializing"):
+        sink().open(8000)
+    last = devices("stimlib_none")[-1]
+    assert (last.sink, last.ready, last.how) == ("portaudio", False, "see whether other programs play")
+
+
 def test_signals_of_portaudio_have_no_ports():
     from stimlib.devices.portaudio import PortAudioSink
 

@@ -158,6 +158,9 @@ def test_names_that_do_not_fit():
         protect(scene, Safety(1.0, slew={"c": 1.0}))
     with pytest.raises(SceneError, match="sink_gain"):
         protect(Scene({"a": Param(GAIN, 1.0) * 2}), Safety(1.0))
+    for limit in ({"peak": 1.0}, {"static": 1.0}):
+        with pytest.raises(BadValue, match=r"outputs in N, and this scene has none: a \[1\], b \[1\]"):
+            protect(scene, Safety(1.0, **limit))
 
 
 def test_equal_outputs_are_counted_apart():
