@@ -267,6 +267,14 @@ def test_a_fault_fades():
     assert np.allclose(stimlib.compile(scene, 8000, "jax")(None, {"x": x})["y"], wanted, rtol=1e-15)
 
 
+def test_a_run_beyond_the_horizon_is_told():
+    """As by render: beyond, the downsampled history has no numbers, and the force fades."""
+    f = stimlib.compile(scenes.viscoelastic(scheme="gl-downsampled"), 10.0, "jax")
+    f(None, {"y": np.ones(600)})
+    with pytest.warns(RuntimeWarning, match="longer than horizon = 60 s"):
+        assert f(None, {"y": np.ones(700)})["force"][-1] == 0
+
+
 def test_a_gate_may_borrow_the_derivative_of_a_smooth_one():
     v, w = Input("v", "m/s"), Param("w", 0.15, "m/s")
     scene = Scene({"g": b.loading(v - w, on=0.02, off=0.01), "c": v > w})

@@ -21,6 +21,7 @@ from ..errors import BadValue, SceneError, UnknownName
 from ..graph import AtLeast, Block, Const, Greater, Param
 from ..lower import PARAMS, ROOT, Program, check_memory, lead, lower
 from ..processor import rate
+from ..rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
 
@@ -97,6 +98,11 @@ class Function:
             Each output; numpy's where JAX is in 32-bit mode and its own arrays would lose digits.  From the first sample on that
             is not finite, an output fades as that of the processor does.
 
+        Warns
+        -----
+        RuntimeWarning
+            The run is longer than the horizon of a springpot.
+
         Raises
         ------
         UnknownName
@@ -145,6 +151,7 @@ class Function:
                     raise BadValue(f"live number {name!r} is not finite{at}")
             key = _key("key", self.seed if key is None else key)
             size = _length({**motion, **params, **gates}, n)
+            warn_beyond(self, size)  # type: ignore[arg-type]  # it asks for program and fs alone
             if size:
                 signals = self._jitted(params, motion, key, gates, n=size, wanted=wanted)
             else:
