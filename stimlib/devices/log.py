@@ -472,6 +472,7 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
         notes.append("no report: the session was killed, or its log could not be ended")
 
     spans, seen, lost, end, known = [], [], [], 0, None
+    gaps: list[tuple[int, int]] = []  # one after the other is one
     for e in events:
         if e.kind == "motion":
             seen.append(Span(e.at, e.data["to"], e.data["sha256"]))
@@ -485,8 +486,10 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
             else:
                 if e.data.get("delivered") is False:
                     lost.append((e.at, e.data["frames"]))
-                notes.append(f"a gap of {e.data['frames']} samples at {e.at}, of which the log knows nothing")
+                begin = gaps.pop()[0] if gaps and gaps[-1][1] == e.at else e.at
+                gaps.append((begin, end))
                 known = e.at if known is None and head.inputs else known
+    notes += [f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps]
     frames = end if known is None else known
     produced = report.get("produced") if report is not None else None
     produced = produced if isinstance(produced, int) and _count(produced, MAX_INDEX) else end
