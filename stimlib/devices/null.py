@@ -30,22 +30,21 @@ class NullSink(Sink):
     def __init__(self, scene, safety, *, clocked: bool = True, **options: Any):
         self.clock = clocked
         super().__init__(scene, safety, **options)
-        self.clocked = clocked
 
     def _open(self) -> None:
         self.block = self.block or 64
         self.buffer = np.zeros((self.channels, self.block), np.float32)
         outs = self.pump.buffers("OUTS")
         outs[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
-        if not self.clocked:
+        if not self.clock:
             self.pump.write("WAIT", 1_000_000)
         self._thread = threading.Thread(target=self._loop, name="stimlib null device", daemon=True)
         self._thread.start()
 
     def _loop(self) -> None:
-        if self.clocked and self.realtime and not fifo():
+        if self.clock and self.realtime and not fifo():
             self._refused.append("real-time priority (ulimit -r)")
-        self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clocked))
+        self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clock))
 
     def _close(self) -> None:
         self.pump.write("STATE", self.pump.native.CLOSED)
@@ -53,4 +52,4 @@ class NullSink(Sink):
             self._thread.join()
 
     def _latency(self) -> float:
-        return (self.block or 0) / self.rate if self.clocked else 0.0
+        return (self.block or 0) / self.rate if self.clock else 0.0

@@ -98,7 +98,7 @@ class PortAudioSink(Sink):
     ):
         self.clock = clocked
         super().__init__(scene, safety, **options)
-        self.name, self.latency, self.clocked, self.compiled = name, latency, clocked, compiled
+        self.name, self.latency, self.compiled = name, latency, compiled
         self._stream: Any = None
         self._ended = threading.Event()
         self._silent = False
@@ -112,7 +112,7 @@ class PortAudioSink(Sink):
         self._fits(sd, inputs)
         pump._fill(STRIDE=self.channels, IN_STRIDE=max(inputs, 1))
         pump.write("RATE", int(np.float64(self.rate).view(np.int64)))
-        if not self.clocked:
+        if not self.clock:
             pump.write("WAIT", 1_000_000)
         both = bool(inputs)
         common: dict[str, Any] = {
@@ -193,7 +193,7 @@ class PortAudioSink(Sink):
             self._stream.start()
         except sd.PortAudioError as e:
             raise SinkError(f"portaudio: {self._called(sd)} cannot be started: {e}") from None
-        if self.clocked:
+        if self.clock:
             self._settle()
         threading.Thread(target=self._watch_device, name="stimlib device", daemon=True).start()
 
@@ -221,7 +221,7 @@ class PortAudioSink(Sink):
                 return
             now = self.pump.read("CALLS")
             polls, calls = (polls + 1 if now == calls else 0), now
-            if ended or (self.clocked and polls * 0.05 >= SILENT_FOR):
+            if ended or (self.clock and polls * 0.05 >= SILENT_FOR):
                 self._silent = not ended
                 why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
                 self._device_lost(f"the device {why}: is it still there? No fade-out was possible")

@@ -16,7 +16,7 @@ ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FA
 # its course: what a caller has asked for, and where it is
 STATE, FADE_AT, END, FADING, WAS, STALE_AFTER, STALE, RUN, WAIT, STALL = range(12, 22)
 # counts
-DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, BLOCKS, CLOCK_ID = range(22, 30)
+DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, CLOCK_ID = range(22, 29)
 # motion: where it comes from
 MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
 # rings: commands in; events, motion and frames out
@@ -350,7 +350,6 @@ def produce(c, n, lost):
             octave += 1
         place = ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)
         i8_at(c[HISTOGRAM])[min(place, BINS - 1)] += 1
-        c[BLOCKS] += 1
 
 
 @plain
