@@ -82,6 +82,7 @@ def test_derivatives_along_the_inputs(name):
     assert abs(forward - central) < 1e-5 * scale
 
 
+@pytest.mark.filterwarnings("ignore:.*longer than horizon")
 @settings(max_examples=8, phases=[Phase.generate])
 @given(generated(), st.integers(0, 5))
 def test_generated_graphs(scene, seed):
