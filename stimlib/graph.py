@@ -548,12 +548,20 @@ class GuardState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Guard(Block):
-    """What stands on every output: from the first non-finite sample on, the last finite value, faded out in 20 ms."""
+    """What stands on every output: from the first non-finite sample on, the last finite value, faded out in 20 ms.
+
+    A device's fade has ``steps`` samples at least, where half a second has room for them.
+    """
 
     x: Block
+    steps: float | None = None
+
+    def samples(self, fs):
+        """Length of the fade."""
+        return max(round(0.02 * fs), min(int(self.steps or 1), math.ceil(0.5 * fs)))
 
     def design(self, fs):
-        return GuardParams(float(max(1, round(0.02 * fs)))), GuardState(0.0, -1.0, np.uint64(0))
+        return GuardParams(float(self.samples(fs))), GuardState(0.0, -1.0, np.uint64(0))
 
     @staticmethod
     def tile(p, s, x, y):

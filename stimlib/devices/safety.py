@@ -159,11 +159,11 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     for name, scale in zip(names, scales, strict=True):
         raw = scene.outputs[name]
         unit = str(raw.dim)
-        y: Block = Guard(raw)
+        y: Block = Guard(raw, STEPS)
         for stage, most in (("peak", safety.peak if unit == "N" else None), ("clip", float(scale))):
             if most is not None:
                 raw = ForceLimit(raw, Const(most, "" if unit == "1" else unit))
-                y = Tally(Guard(raw), y, stage, name)
+                y = Tally(Guard(raw, STEPS), y, stage, name)
         if unit == "N" and safety.static is not None:
             y = Tally(static_limit(y, safety.static), y, "static", name)
         slew = safety._of("slew", name, names)
@@ -211,10 +211,16 @@ class Watch:
     ----------
     proc : Processor
         Of a protected scene.
+
+    Attributes
+    ----------
+    fade : int
+        Samples in which a guard ends an output.
     """
 
     def __init__(self, proc):
         self._proc = proc
+        self.fade = Guard(Const(0.0), STEPS).samples(proc.fs)
         self._tallies: list[tuple[str, str, int]] = []
         self._guards: list[tuple[str, int]] = []
         instances, place = proc.program.instances, proc._place

@@ -660,9 +660,8 @@ class Sink:
         for name in sorted((n for n in faults if n not in self._gone), key=faults.__getitem__):
             self._gone.append(name)
             self._say(faults[name], "fault", output=name)
-            guard = round(0.02 * self.rate) + 1  # its own fade comes first: two at once would be steeper
             why = FaultError(f"output {name} was not finite at sample {faults[name]}: the session was faded out")
-            self._fail(why, faults[name] + guard)
+            self._fail(why, faults[name] + self._watch.fade + 1)  # its own fade comes first: two at once would be steeper
         if time.monotonic() - self._told_at >= 1.0:
             self._tell_counts()
 

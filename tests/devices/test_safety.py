@@ -51,6 +51,15 @@ def test_every_stage_limits_and_counts(target):
     assert y[0, -1] < 69.0 and y.max() == 70.0
 
 
+@pytest.mark.parametrize(("fs", "samples"), [(100, 50), (1000, 128), (4000, 128), (8000, 160), (48000, 960)])
+def test_a_fault_fades_in_small_steps_at_every_rate(fs, samples):
+    """A guard in a rendering takes 20 ms whatever the rate; at 1 kHz that would be steps of 5 % on a device."""
+    proc = compiled(Scene({"y": 1 * Input("x")}), Safety(1.0), fs=fs)
+    y = proc.process(np.r_[np.ones(10), np.full(1000, np.nan)][None])[0]
+    assert Watch(proc).fade == samples and np.allclose(y[10 : 11 + samples], 1 - np.arange(samples + 1) / samples)
+    assert not y[10 + samples :].any()
+
+
 def test_what_is_not_finite_stops_its_output_and_says_where():
     scene = Scene({"a": 1 * Input("u"), "b": 1 * Input("v"), "c": 2 * Input("v")})
     proc = compiled(scene, Safety(1.0, slew=1e9))
