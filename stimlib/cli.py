@@ -180,6 +180,8 @@ def _motions(
             motions[name.strip()] = parse_motion(spec)
         else:
             motions |= dict.fromkeys(scene.inputs, parse_motion(text))
+    if seconds is None and (maps or where):
+        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
     if missing := set(scene.inputs) - set(motions):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
     return motions, seconds
@@ -303,6 +305,7 @@ def play(
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
     ] = None,
+    client: Annotated[str | None, typer.Option(help="JACK: name of the client, [bold]stimlib[/] by default.")] = None,
     connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
     channels: Annotated[int | None, CHANNELS] = None,
     block: Annotated[int | None, typer.Option(help="Frames per block, where the device lets one choose.")] = None,
@@ -342,13 +345,14 @@ def play(
         safety = _safety(full_scale, peak, static, slew)
         if fast and sink == Sinks.jack:
             raise BadValue("--fast: a JACK server has its own pace")
-        if connect and sink != Sinks.jack:
-            raise BadValue(f"--connect: {sink} has no ports")
+        for option, given in (("--connect", connect), ("--client", client)):
+            if given and sink != Sinks.jack:
+                raise BadValue(f"{option}: is for --sink jack, not for {sink}")
         playing: Any
         if sink == Sinks.jack:
             from .devices.jack import JackSink
 
-            playing = JackSink(made, safety, server=device, connect=_ports(connect), **options)
+            playing = JackSink(made, safety, name=client or "stimlib", server=device, connect=_ports(connect), **options)
         elif sink == Sinks.portaudio:
             from .devices.portaudio import PortAudioSink
 

@@ -70,8 +70,10 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
     array([[ 0., 20.]])
     """
     if target == "jax":
-        from .targets.jax import Function
+        from .targets.jax import OPTIONS, Function
 
+        if unknown := [name for name in options if name not in OPTIONS]:
+            raise BadValue(f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}")
         return Function(scene, fs, seed, **options)
     if options:
         raise BadValue(f"{', '.join(options)}: only target='jax' has this option")

@@ -282,7 +282,9 @@ def test_play_says_that_an_output_failed(tmp_path):
         (["squeeze", *HAND, "--set", "q=1"], "no live number 'q'"),
         (["squeeze", *HAND, "--channels", "1"], "fewer than the 2 outputs"),
         (["squeeze", *HAND, "--device", "a"], "null has no device"),
-        (["squeeze", *HAND, "--connect", "a"], "null has no ports"),
+        (["squeeze", *HAND, "--connect", "a"], "--connect: is for --sink jack, not for null"),
+        (["squeeze", *HAND, "--client", "a"], "--client: is for --sink jack"),
+        (["squeeze", *HAND, "--map", "x1=z"], "--map and --where are for a recording, and there is none"),
         (["squeeze", *HAND, "--sink", "jack", "--fast"], "a JACK server has its own pace"),
         (["squeeze", *HAND, "--set", "sink_gain=1"], "no live number 'sink_gain'; this scene has k, A, level"),
         (["squeeze", *HAND, "--seconds", "0"], "must be at least one sample"),
@@ -310,12 +312,20 @@ def test_devices_says_what_there_is_and_how_to_get_the_rest():
 
 @needs_jack()
 def test_play_and_loopback_on_a_server():
+    from stimlib.devices.jack import JackSink
+
     with Jackd(8000, 64) as server:
         done = run.invoke(app, ["devices", "--server", server.name])
         assert "a server at 8000 Hz, blocks of 64, 24 outputs, 8 inputs: --sink jack --fs 8000" in done.stdout
         words = ["squeeze", *HAND, "--sink", "jack", "--device", server.name, "--seconds", "1"]
         done = run.invoke(app, ["play", *words, "--connect", "none"])
         assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
+        with JackSink(stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, server=server.name, realtime=False) as other:
+            other.open(8000)
+            done = run.invoke(app, ["play", *words])
+            assert done.exit_code == 2 and "has a client 'stimlib' already" in done.stderr and "play --client" in done.stderr
+            done = run.invoke(app, ["play", *words, "--client", "another"])
+            assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
         done = run.invoke(app, ["loopback", *words])
         assert done.exit_code == 0 and "all equal the offline render" in done.stdout and "passed" in done.stdout, done.output
         silent = ["--capture", "system:capture_1", "--capture", "system:capture_2"]

@@ -476,6 +476,8 @@ def test_bad_options():
     for seed in (-1, 1.5, "a", 2**64):
         with pytest.raises(BadValue, match="seed = "):
             stimlib.compile(scene, 1000, "jax", seed=seed)
+    with pytest.raises(BadValue, match="what: target='jax' has the options dtype, surrogate"):
+        stimlib.compile(scene, 8000, "jax", what=1)
     with pytest.raises(BadValue, match="only target='jax'"):
         stimlib.compile(scene, 1000, dtype="float32")
     with pytest.raises(BadValue, match="stimlib.compile"):

@@ -110,7 +110,9 @@ class JackSink(Sink):
     def _no_client(self, e: Any, said: list[str]) -> SinkError:
         where = f"server {self.server!r}" if self.server else "server"
         if e.status.name_not_unique or self._is_there():
-            return SinkError(f"jack: the {where} has a client {self.name!r} already: end it, or give this one another name")
+            return SinkError(
+                f"jack: the {where} has a client {self.name!r} already: end it, or give this one another name (play --client)"
+            )
         if e.status.server_failed:
             how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
             return SinkError(f"jack: no {where} is running: start one, such as {how}")

@@ -26,6 +26,8 @@ from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
 
 DTYPES = ("float64", "float32")
+OPTIONS = ("dtype", "surrogate")
+"""Of ``stimlib.compile(scene, fs, target="jax")``."""
 
 
 class Function:
