@@ -140,7 +140,7 @@ class Finger(NamedTuple):
 
     mean: np.ndarray  # k x
     v: np.ndarray
-    gate: np.ndarray
+    gate: np.ndarray  # bool
     force: np.ndarray  # mean + A level (k tau v)(tau noise)
 
 
@@ -170,11 +170,10 @@ def squeeze_finger(
     for a, b in zip(starts, stops, strict=True):  # at rest at the first sample of every contact
         rate = np.diff(x[a:b], prepend=x[a]) * fs
         v[a:b] = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate)
-    gate, g = np.zeros_like(x), 0.0
-    above_on, above_off = (v > on).tolist(), (v > off).tolist()
-    for n in range(x.size):
-        g = 1.0 if above_on[n] or (g and above_off[n]) else 0.0
-        gate[n] = g
+    n = np.arange(x.size)
+    opened = np.maximum.accumulate(np.where(v > on, n, -1))  # open since it was last above on, unless it was not above off since
+    closed = np.maximum.accumulate(np.where(v > off, -1, n))
+    gate = opened > closed
     tau = 1 / 8000
     mean = k * x
     return Finger(mean, v, gate, mean + A * (k * tau * v) * (tau * noise))

@@ -212,7 +212,7 @@ def _loops(fig, e):
         x = e.x[e.proc.inputs.index(name.replace("force", "x"))]
         some = min(x.size, round(4 * e.fs))  # a few squeezes: more would only lie on top of each other
         pick = slice(0, some, max(1, some // 6000))
-        loading = finger.gate[pick] > 0
+        loading = finger.gate[pick]
         y = e.shown[i][pick]
         ax.plot(1e3 * x[pick][~loading], y[~loading], ".", ms=1, color="0.6", label="held or unloading")
         ax.plot(1e3 * x[pick][loading], y[loading], ".", ms=1, color="C3", label="loading")

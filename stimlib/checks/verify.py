@@ -153,7 +153,7 @@ def _tap(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
     """Keep the gated noises among what an augmented scene gave."""
     n = len(e.scene.outputs)
     for k, (output, block, model, f_low, f_high, noise) in enumerate(found):
-        gated, gate = seen[n + 2 * k], seen[n + 2 * k + 1] > 0
+        gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0  # a copy, or all that was seen would be kept
         e.taps.append(Tap(f"{block!r}", output, gated[gate], gated, gate, model, f_low, f_high, noise))
 
 
@@ -423,7 +423,7 @@ def _squeeze(e: Evidence) -> list[Check]:
         checks.append(
             Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
         )
-        wrong = int(np.sum(((finger.gate > 0) != tap.gate) & (A != 0)))
+        wrong = int(np.sum((finger.gate != tap.gate) & (A != 0)))
         checks.append(Check("e", f"{name}: gate timing", wrong, 0, "samples where the gate differs"))
         if np.ptp(k) > 0:
             e.skipped.append(f"{name}: k was changed, so the force over position has no one slope")
