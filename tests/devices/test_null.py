@@ -373,13 +373,14 @@ with sink: sink.wait(20)"""
     child = subprocess.Popen([sys.executable, "-c", text, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()
-        for _ in range(5):
+        for _ in range(4):
             child.send_signal(what)
             time.sleep(0.15)
         child.communicate(timeout=30)
     finally:
         child.kill()
-    assert child.returncode == (-2 if what == signal.SIGINT else 143)
+    late = -what  # on a busy machine the last one may come when the session is over, and all is given back
+    assert child.returncode in (late, 143 if what == signal.SIGTERM else -2)
     with np.load(path) as saved:
         y, events = saved["frames"], [(at, "lost", {"frames": n}) for at, n in saved["lost"].tolist()]
     assert y.max() == 1.0 and y[-1] == 0 and largest_step(y, events) <= 0.01
