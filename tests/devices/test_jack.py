@@ -45,9 +45,21 @@ HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 
 
 @pytest.fixture(scope="module")
-def server():
-    with Jackd(FS, 64) as s:
-        yield s
+def servers():
+    kept = []
+    yield kept
+    for s in kept:
+        s.__exit__()
+
+
+@pytest.fixture
+def server(servers):
+    """One for all tests, as long as it lives; what it said when it ended is shown with the test that failed."""
+    if not servers or servers[-1].process.poll() is not None:
+        servers.append(Jackd(FS, 64).__enter__())
+    yield servers[-1]
+    if (code := servers[-1].process.poll()) is not None:
+        print(f"jackd has ended ({code}): {servers[-1].log}")
 
 
 def sink(scene, safety=50.0, **options):
