@@ -123,7 +123,8 @@ class Jackd:
         self._out = tempfile.TemporaryFile("w+")
         text = f"jackd -n {self.name} -r -p 128 {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
         env = os.environ | {"JACK_NO_AUDIO_RESERVATION": "1"}
-        self.process = subprocess.Popen(text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env)
+        held = (self._lock.fileno(),)  # by the server too: one that outlives a killed test run keeps its name to itself
+        self.process = subprocess.Popen(text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env, pass_fds=held)
 
     @property
     def log(self):
