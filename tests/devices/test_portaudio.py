@@ -274,22 +274,31 @@ def test_a_stall_is_told_and_the_report_adds_up():
     assert sum(e["frames"] for _, kind, e in events if kind == "lost") == report["lost"]
 
 
-@needs_jack()
-def test_a_server_that_is_killed_is_a_typed_error_within_a_second():
-    with Jackd(8000, 64) as server:
-        with Player(on_jack(server), 8000, 1, 64, None, steady=True, name="system") as player:
-            player.until("open")
-            player.say("go")
-            player.until("playing")
-            time.sleep(0.3)
-            server.process.kill()
-            server.process.wait(10)
-            began = time.monotonic()
-            report, _, error = player.end()
-            took = time.monotonic() - began
+def taken_away(environment, name, take_away):
+    """A device that goes while it plays is a typed error, soon."""
+    with Player(environment, 8000, 1, None, None, steady=True, name=name) as player:
+        player.until("open")
+        player.say("go")
+        player.until("playing")
+        time.sleep(0.3)
+        take_away()
+        began = time.monotonic()
+        report, _, error = player.end()
+        took = time.monotonic() - began
     assert "the device has" in error and "still there" in error
     assert report["delivered"] + report["lost"] == report["produced"] > 0
     assert took < 1.0 + CLOSE_WITHIN + 1.0 + SLACK, "a second for the error, two for close, and the end of the interpreter"
+
+
+@needs_jack()
+def test_a_server_that_is_killed_is_a_typed_error_within_a_second():
+    with Jackd(8000, 64) as server:
+
+        def take_away():
+            server.process.kill()
+            server.process.wait(10)
+
+        taken_away(on_jack(server), "system", take_away)
 
 
 FELT = """
@@ -448,21 +457,7 @@ def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
 @pytest.mark.parametrize("what", ["sink", "server"])
 def test_what_pulseaudio_takes_away_is_a_typed_error(tmp_path, what):
     with Pulse(tmp_path) as server:
-        with Player(server.environment, 8000, 1, None, None, steady=True, name="pulse") as player:
-            player.until("open")
-            player.say("go")
-            player.until("playing")
-            time.sleep(0.3)
-            if what == "sink":
-                server.remove_the_sink()
-            else:
-                server.__exit__()
-            began = time.monotonic()
-            report, _, error = player.end()
-            took = time.monotonic() - began
-    assert "the device has" in error and "still there" in error
-    assert report["delivered"] + report["lost"] == report["produced"] > 0
-    assert took < 1.0 + CLOSE_WITHIN + 1.0 + SLACK, "a second for the error, two for close, and the end of the interpreter"
+        taken_away(server.environment, "pulse", server.remove_the_sink if what == "sink" else server.__exit__)
 
 
 # Everything ----------------------------------------------------------------------------------------------------------
