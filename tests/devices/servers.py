@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import fcntl
 import os
 import shutil
@@ -95,6 +96,18 @@ def largest_step(frames, events):
     index = np.flatnonzero(kept(events, len(frames) + lost))
     steps = np.abs(np.diff(frames, axis=0)).max(axis=1, initial=0)
     return max(float(np.abs(frames[0]).max()), float(steps[np.diff(index) == 1].max()))
+
+
+def without(monkeypatch, package, error):
+    """Importing a package fails."""
+    real = builtins.__import__
+
+    def none(name, *rest, **more):
+        if name == package:
+            raise error
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", none)
 
 
 # JACK ----------------------------------------------------------------------------------------------------------------

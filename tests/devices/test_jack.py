@@ -28,6 +28,7 @@ from devices.servers import (
     replayed,
     step,
     textured,
+    without,
 )
 
 import stimlib
@@ -482,16 +483,7 @@ def test_ports_are_named_like_the_outputs(server):
     "missing, text", [(ImportError("No module named 'jack'"), "JACK-Client"), (OSError("JACK library not found"), "library")]
 )
 def test_what_is_missing_is_named_with_its_command(monkeypatch, missing, text):
-    import builtins
-
-    real = builtins.__import__
-
-    def no_jack(name, *rest, **more):
-        if name == "jack":
-            raise missing
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", no_jack)
+    without(monkeypatch, "jack", missing)
     with pytest.raises(SinkError, match=rf"{text}.*pip install 'stimlib\[jack\]'.*apt-get install jackd2"):
         sink(steady(), 1.0).open(FS)
 

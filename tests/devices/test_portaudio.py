@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devices.servers import SLACK, Capture, Jackd, Pulse, aligned, needs_jack, offline, step, textured
+from devices.servers import SLACK, Capture, Jackd, Pulse, aligned, needs_jack, offline, step, textured, without
 
 import stimlib
 from stimlib import BadValue, SinkError
@@ -361,14 +361,7 @@ def sink(**options):
     [(ImportError("No module named 'sounddevice'"), "package sounddevice"), (OSError("not found"), "PortAudio library")],
 )
 def test_what_is_missing_is_named_with_its_command(monkeypatch, missing, text):
-    real = builtins.__import__
-
-    def none(name, *rest, **more):
-        if name == "sounddevice":
-            raise missing
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", none)
+    without(monkeypatch, "sounddevice", missing)
     with pytest.raises(SinkError, match=rf"{text}.*pip install 'stimlib\[portaudio\]'.*apt-get install libportaudio2"):
         sink().open(8000)
 
