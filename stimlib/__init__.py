@@ -19,6 +19,7 @@ _HOME = {
     "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
     "fit": "identify",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
+    "limits": "bounds",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
 }  # fmt: skip
@@ -28,6 +29,7 @@ __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
     from . import blocks, checks, devices, graph, maths, scenes, units
+    from .bounds import limits
     from .checks.verify import verify
     from .errors import (
         BadValue,

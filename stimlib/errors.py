@@ -1,8 +1,27 @@
 """The exceptions stimlib raises; each is also the built-in exception that a caller would expect."""
 
+import re
+
+_CONTROL = re.compile(r"[^\n\x20-\x7e\xa0-\U0010ffff]|[\u061c\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def shown(text: object) -> str:
+    """A text as it can be shown in a terminal or a page: control characters, and those that reorder a line, as their codes.
+
+    Examples
+    --------
+    >>> from stimlib.errors import shown
+    >>> shown("a\x1b[31mb")
+    'a\\\\x1b[31mb'
+    """
+    return _CONTROL.sub(lambda m: ascii(m.group())[1:-1], str(text))
+
 
 class StimlibError(Exception):
-    """Base of every error that stimlib raises on purpose."""
+    """Base of every error that stimlib raises on purpose; its text may quote files of others, so it is fit to be shown."""
+
+    def __str__(self) -> str:
+        return shown(super().__str__())
 
 
 class BadValue(StimlibError, ValueError):
@@ -38,4 +57,4 @@ class UnknownName(StimlibError, KeyError):
 
     def __str__(self) -> str:
         # KeyError shows the repr of its argument, which would put quotes around a whole sentence
-        return Exception.__str__(self)
+        return shown(Exception.__str__(self))

@@ -1,0 +1,93 @@
+"""What a file or a run may cost at most: stated numbers, each of which a user can raise."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+import os
+
+from .errors import BadValue, StimlibError
+
+VARIABLE = "STIMLIB_LIMITS"
+
+
+@dc.dataclass(slots=True)
+class Limits:
+    """Largest sizes that are accepted; ``stimlib.limits`` is the one in force.
+
+    A file that comes from others must not fill the memory or the day.  What is larger than one of these numbers is refused
+    with the number's name.  Raise it for a process, ``stimlib.limits.scene_blocks = 1e6``, or from outside,
+    ``STIMLIB_LIMITS="scene_blocks=1e6 scene_bytes=1e9"``.
+
+    Raises
+    ------
+    BadValue
+        A number that is not above 0, or an unknown name.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> stimlib.limits.scene_blocks
+    100000
+    """
+
+    scene_bytes: float = 64_000_000
+    """Size of a scene file."""
+    scene_blocks: float = 100_000
+    """Blocks of a scene, in its file and after each `enabled` has got its own copies."""
+    state_bytes: float = 4_000_000_000
+    """Memory of a compiled scene: states, parameters and buffers."""
+    render_bytes: float = 16_000_000_000
+    """Samples that `render` keeps, and those that `verify` compares."""
+    recording_bytes: float = 4_000_000_000
+    """Size of a recording, and of what is packed in it."""
+    recording_rows: float = 50_000_000
+    """Rows of a recording."""
+    recording_columns: float = 1000
+    """Columns of a recording, or arrays of an npz file."""
+    sidecar_bytes: float = 256_000_000
+    """Size of a sidecar, of a table in a file, and of what a log says first."""
+
+    def __setattr__(self, name: str, value: float) -> None:
+        if name not in {f.name for f in dc.fields(self)}:
+            raise BadValue(f"limits: there is no {name!r}; there are {', '.join(f.name for f in dc.fields(self))}")
+        try:
+            good = value > 0 and not math.isnan(value)
+        except TypeError:
+            good = False
+        if not good:
+            raise BadValue(f"limits.{name} = {value!r} must be a number above 0")
+        object.__setattr__(self, name, value)
+
+    def check(self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue) -> None:
+        """Raise an error of the kind that is wanted, with the remedy, where an amount is above one of the limits."""
+        most = getattr(self, name)
+        if amount > most:
+            enough = f"{name}={_enough(amount)}"
+            raise error(
+                f"{what}: {amount:.6g} is more than limits.{name} = {most:.6g}; if that is meant, set {VARIABLE}={enough} or "
+                f"stimlib.limits.{enough}"
+            )
+
+
+def _enough(amount: float) -> str:
+    """A round number above an amount."""
+    if not math.isfinite(amount):
+        return "inf"
+    unit = 10 ** max(0, math.floor(math.log10(amount)) - 1)
+    return f"{(math.floor(amount / unit) + 1) * unit:.2g}"
+
+
+def _from_environment() -> Limits:
+    limits = Limits()
+    for word in os.environ.get(VARIABLE, "").replace(",", " ").split():
+        name, _, value = word.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            raise BadValue(f"{VARIABLE}: {word!r} is not NAME=NUMBER") from None
+        setattr(limits, name, number)
+    return limits
+
+
+limits = _from_environment()

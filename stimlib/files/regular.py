@@ -1,0 +1,139 @@
+"""Regular files and nothing else: read within a limit, written whole or not at all.
+
+A file from others may be a pipe that never ends, or a link to something that must not be overwritten.  Everything that
+reads or writes a whole file goes through here.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from ..bounds import limits
+from ..errors import SinkError, StimlibError
+
+
+def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
+    """All bytes of a regular file.
+
+    Parameters
+    ----------
+    path : path
+    limit : str
+        Name of the limit on its size, see ``stimlib.limits``.
+    error : type
+        What is raised.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    error
+        Missing, not a regular file, not readable, or too large.
+
+    Examples
+    --------
+    >>> from stimlib.files import regular
+    >>> regular.read("/dev/zero", "scene_bytes")
+    Traceback (most recent call last):
+    stimlib.errors.SinkError: cannot read /dev/zero: it is not a regular file
+    """
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer would wait for ever
+        with open(fd, "rb") as f:
+            info = os.fstat(fd)
+            if not stat.S_ISREG(info.st_mode):
+                raise error(f"cannot read {path}: it is not a regular file")
+            limits.check(limit, info.st_size, f"{path}: bytes", error)
+            data = f.read(int(min(getattr(limits, limit), 2**62)) + 1)  # it may grow while it is read
+            limits.check(limit, len(data), f"{path}: bytes", error)
+            return data
+    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
+        if isinstance(e, StimlibError):
+            raise
+        raise error(f"cannot read {path}: {getattr(e, 'strerror', None) or e}") from e
+
+
+def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> None:
+    """Raise unless a path is free, or has a regular file that may be replaced; links are not followed."""
+    try:
+        mode = os.lstat(path).st_mode
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError) as e:
+        raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+    if not stat.S_ISREG(mode):
+        kind = "a link" if stat.S_ISLNK(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
+        raise error(f"cannot write {path}: it is there already and is {kind}; remove it, or write to another place")
+
+
+def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
+    """A descriptor of a new, empty file for reading and writing; what a killed run left in its place is removed before.
+
+    The name must be one that belongs to stimlib, such as NAME.part.
+    """
+    check(path, error)
+    try:
+        with suppress(FileNotFoundError):
+            os.unlink(path)
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    except (OSError, ValueError) as e:
+        raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+
+
+def publish(path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError) -> None:
+    """Write a small file: it appears whole, is on the disk then, or is not there at all.
+
+    Parameters
+    ----------
+    path : path
+        A link there is replaced, not followed; NAME.part beside it is used.
+    data : bytes or str
+        Text is written as UTF-8.
+    error : type
+        What is raised.
+
+    Raises
+    ------
+    error
+        The place cannot be written; whatever was there before still is.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from stimlib.files import regular
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.txt"
+    >>> regular.publish(path, "whole")
+    >>> path.read_text()
+    'whole'
+    """
+    path = Path(path)
+    part = path.with_name(path.name + ".part")
+    fd = create(part, error)
+    try:
+        with open(fd, "wb") as f:
+            f.write(data if isinstance(data, bytes) else data.encode())
+            f.flush()
+            os.fsync(f.fileno())
+        os.replace(part, path)
+        settle(path.parent)
+    except BaseException as e:
+        with suppress(OSError):
+            os.unlink(part)
+        if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
+            raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+        raise
+
+
+def settle(folder: Path) -> None:
+    """Have the names of a folder on the disk, where the file system can."""
+    with suppress(OSError):
+        fd = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)

@@ -1,0 +1,90 @@
+"""Limits that a user can raise, texts that can be shown, and files that are regular."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+import stimlib
+from stimlib.bounds import Limits
+from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, shown
+from stimlib.files import regular
+
+
+def test_a_limit_says_its_name_and_what_is_enough():
+    mine = Limits(scene_bytes=100)
+    mine.check("scene_bytes", 100, "a.json: bytes")
+    with pytest.raises(SceneFileError, match=r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02"):
+        mine.check("scene_bytes", 101, "a.json: bytes", SceneFileError)
+    mine.scene_bytes = float("1.1e+02")
+    mine.check("scene_bytes", 101, "a.json: bytes")
+
+
+@pytest.mark.parametrize("value", [0, -1, float("nan"), "many", None])
+def test_limits_are_numbers_above_0(value):
+    with pytest.raises(BadValue, match="scene_bytes"):
+        Limits().scene_bytes = value
+
+
+def test_unknown_limits_are_told():
+    with pytest.raises(BadValue, match="there is no 'scene_byte'"):
+        Limits().scene_byte = 1
+
+
+@pytest.mark.parametrize(
+    "text, expected", [("scene_blocks=7 scene_bytes=1e3", "7.0 1000.0"), ("scene_blocks", "not NAME=NUMBER"), ("a=1", "no 'a'")]
+)
+def test_limits_from_the_environment(text, expected):
+    code = "import stimlib; print(stimlib.limits.scene_blocks, stimlib.limits.scene_bytes)"
+    run = subprocess.run([sys.executable, "-c", code], env=os.environ | {"STIMLIB_LIMITS": text}, capture_output=True, text=True)
+    assert expected in run.stdout + run.stderr
+
+
+def test_texts_of_others_cannot_speak_to_a_terminal():
+    nasty = "a\x1b[2J\r\x00\x9b\u202e\ud800é\u2028 \u03b1"
+    assert shown(nasty) == "a\\x1b[2J\\r\\x00\\x9b\\u202e\\ud800é\\u2028 \u03b1"
+    for error in (SinkError, UnknownName, BadValue):
+        assert str(error(nasty)) == shown(nasty)
+    assert str(BadValue("two\nlines")) == "two\nlines"
+
+
+def test_only_regular_files_are_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", "/dev/zero", tmp_path, tmp_path / "missing", "a\0b", "\ud800", "x" * 5000):
+        with pytest.raises(SinkError, match="cannot read"):
+            regular.read(path, "scene_bytes")
+
+
+def test_reading_stops_at_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(stimlib.limits, "scene_bytes", 10)
+    (tmp_path / "a").write_bytes(b"x" * 10)
+    assert regular.read(tmp_path / "a", "scene_bytes") == b"x" * 10
+    (tmp_path / "a").write_bytes(b"x" * 11)
+    with pytest.raises(SinkError, match="limits.scene_bytes"):
+        regular.read(tmp_path / "a", "scene_bytes")
+
+
+def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    (tmp_path / "a.json.part").symlink_to(victim)
+    os.mkfifo(tmp_path / "b.json.part")
+    for name in ("a.json", "b.json"):
+        with pytest.raises(SinkError, match="remove it"):
+            regular.publish(tmp_path / name, "new")
+        assert not (tmp_path / name).exists()
+    assert victim.read_text() == "precious"
+    (tmp_path / "c.json").symlink_to(victim)
+    regular.publish(tmp_path / "c.json", "new")
+    assert victim.read_text() == "precious" and not (tmp_path / "c.json").is_symlink()
+
+
+def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "a.part").write_text("of a run that was killed")
+    with pytest.raises(AttributeError):
+        regular.publish(tmp_path / "a", 3)
+    assert (tmp_path / "a").read_text() == "old" and not (tmp_path / "a.part").exists()
+    regular.publish(tmp_path / "a", "new")
+    assert (tmp_path / "a").read_text() == "new" and os.listdir(tmp_path) == ["a"]
