@@ -47,10 +47,12 @@ class Delay(Block):
 
     @staticmethod
     def step(p, s, x):
-        i = np.int64(s.at)
+        size = np.uint64(s.line.size)
+        at = where(s.at < size, s.at, NONE)  # a state may come from anywhere
+        i = np.int64(at)
         y = s.line[i]
         s.line[i] = x
-        return y, DelayState(s.line, where(s.at + ONE == np.uint64(s.line.size), NONE, s.at + ONE))
+        return y, DelayState(s.line, where(at + ONE == size, NONE, at + ONE))
 
     @staticmethod
     def transfer(p, z):

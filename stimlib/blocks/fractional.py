@@ -463,13 +463,15 @@ class Downsampled(Block):
 
     @staticmethod
     def tile(p, s, x, contact, y):
-        first, k, cold = s.first, s.k, s.cold
+        most = float_of(s.past.size)
+        k = where(s.k > 0.0, floor(where(s.k < most, s.k, most)), 0.0)  # a state may come from anywhere
+        first, cold = s.first, s.cold
         for i in range(x.size):
             if contact[i] > 0.0:
                 if cold > 0.0:
                     first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[i]), x[i])
                     k, cold = 0.0, 0.0
-                if k < float_of(s.past.size):
+                if k < most:
                     now = np.int64(k)
                     s.past[now] = x[i] - first
                     m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)

@@ -1,120 +1,27 @@
 """Streaming on the CPU: one compiled segment per block class, called from a table.
 
-Compiling a scene only fills tables; what takes time, a segment, is compiled once per machine and kept in a cache that all
-processes share.  Files there are named by their content (the text of the step, of every helper and constant it uses, of
-the runtime, and the versions), because numba alone does not notice an edit in an imported file.
+Compiling a scene only fills tables; what takes time, a segment, is compiled once per machine (``cache``).  A segment's text
+holds the text of the step and of every helper and constant that it uses: an edit in any of them makes another segment.
 """
 
 from __future__ import annotations
 
-import atexit
-import hashlib
-import importlib.util
-import inspect
-import os
 import re
-import shutil
-import sys
-import tempfile
 import types
-import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import llvmlite
 import numba
 import numpy as np
-import platformdirs
 
 from .. import maths, steps
 from ..errors import SceneError
 from ..graph import kind, memo, pack
 from ..lower import PARAMS, ROOT, Program
-from . import native
+from .cache import load
 
 TILE = 64
-_folder: Path | None = None
-
-
-# The cache -----------------------------------------------------------------------------------------------------------
-def folder() -> Path:
-    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder."""
-    global _folder
-    wanted = Path(os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib"))
-    if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
-        try:
-            (wanted / "__pycache__").mkdir(parents=True, exist_ok=True)
-            for place in (wanted, wanted / "__pycache__"):
-                with tempfile.TemporaryFile(dir=place) as f:
-                    f.write(b"\0" * 65536)
-            _folder = wanted
-        except OSError as e:
-            _temporary(wanted, e)
-    assert _folder is not None
-    return _folder
-
-
-def _temporary(wanted: Path, why: OSError) -> None:
-    global _folder
-    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
-    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
-    warnings.warn(
-        f"the cache folder {wanted} cannot be written ({why.strerror or why}): compiling into {_folder} for this process; "
-        "set STIMLIB_CACHE to a folder that can",
-        RuntimeWarning,
-        stacklevel=2,
-    )
-
-
-@cache
-def _salt() -> str:
-    runtime = Path(__file__).with_name("runtime.py").read_text()
-    config: Any = numba.config
-    flags = f"{numba.__version__} {llvmlite.__version__} {sys.version_info[:2]} {config.BOUNDSCHECK} {config.OPT}"
-    return inspect.getsource(native) + inspect.getsource(maths) + runtime + flags
-
-
-def load(text: str, stem: str) -> types.ModuleType:
-    """Import generated text from a cache file named by its content."""
-    name = f"{stem}_{hashlib.sha256((text + _salt()).encode()).hexdigest()[:20]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    for attempt in (0, 1):
-        path = folder() / f"{name}.py"
-        try:
-            if not path.exists():
-                with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as f:
-                    f.write(text)
-                try:
-                    os.link(f.name, path)  # whoever comes first wins, and the file's time never changes again
-                except FileExistsError:
-                    pass
-                except OSError:  # a file system without links
-                    os.replace(f.name, path)
-                finally:
-                    Path(f.name).unlink(missing_ok=True)
-            spec = importlib.util.spec_from_file_location(name, path)
-            assert spec and spec.loader
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[name] = module
-            spec.loader.exec_module(module)
-            return module
-        except OSError as e:  # full or gone in the middle
-            sys.modules.pop(name, None)
-            if attempt:
-                raise
-            _temporary(path.parent, e)
-        except numba.core.errors.NumbaError:
-            sys.modules.pop(name, None)
-            raise
-        except Exception:  # a damaged cache file: numba lets whatever unpickling says through
-            sys.modules.pop(name, None)
-            if attempt:
-                raise
-            for damaged in [path, *path.parent.glob(f"__pycache__/{name}*")]:
-                damaged.unlink(missing_ok=True)
-    raise AssertionError
 
 
 @cache

@@ -1,0 +1,201 @@
+"""Compiled segments on the disk: what takes time is compiled once per machine, for all processes.
+
+An entry is a folder, named by its content: the text, the runtime, the versions, the processor.  It is compiled in a folder
+of its own, put on the disk with the SHA-256 of each of its files, and then renamed: so it appears whole, and never changes.
+numba unpickles and runs what it finds there.  So the cache must be private, and numba sees nothing that is not what was
+written.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import inspect
+import json
+import os
+import shutil
+import stat
+import sys
+import tempfile
+import threading
+import types
+import warnings
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding
+import numba
+import platformdirs
+
+from .. import maths
+from ..errors import SinkError
+from ..files import regular
+from . import native
+
+SUMS = "sha256.json"
+_lock = threading.RLock()
+_loaded: dict[str, types.ModuleType] = {}  # complete ones only
+_folder: Path | None = None
+
+
+# The folder ----------------------------------------------------------------------------------------------------------
+def folder() -> Path:
+    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder; nobody else can write there."""
+    global _folder
+    wanted = Path(os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")).absolute()
+    with _lock:
+        if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
+            try:
+                for place in reversed((wanted, *wanted.parents)):
+                    if not place.exists():
+                        place.mkdir(mode=0o700, exist_ok=True)  # whatever the umask is
+                _check_private(wanted.resolve())
+                with tempfile.TemporaryFile(dir=wanted) as f:
+                    f.write(b"\0" * 65536)
+                _folder = wanted
+            except OSError as e:
+                _temporary(wanted, e)
+        assert _folder is not None
+        return _folder
+
+
+def _check_private(place: Path) -> None:
+    """Raise OSError unless a folder is ours, nobody else can write to it, and nobody can put another in its place."""
+    if problem := _open_to_others(os.stat(place)):
+        raise PermissionError(f"{problem}, and what is in it is run: see that it is yours, and `chmod go-w` it")
+    for above in place.parents:
+        mode = os.stat(above).st_mode
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise PermissionError(f"everybody may replace what is in {above}, and the cache is run: `chmod o-w` it")
+
+
+def _open_to_others(info: os.stat_result) -> str:
+    """What keeps a folder from being private, if anything."""
+    if not hasattr(os, "geteuid"):
+        return ""  # no modes and owners on this system
+    if info.st_uid not in (os.geteuid(), 0):
+        return f"it belongs to user {info.st_uid}"
+    return "others may write to it" if info.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
+
+
+def _temporary(wanted: Path, why: OSError) -> None:
+    global _folder
+    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
+    warnings.warn(
+        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling into {_folder} for this process; "
+        "set STIMLIB_CACHE to a folder of your own",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+
+
+# Entries -------------------------------------------------------------------------------------------------------------
+@cache
+def _salt() -> str:
+    runtime = Path(__file__).with_name("runtime.py").read_text()
+    config: Any = numba.config
+    host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    flags = numba.__version__, llvmlite.__version__, sys.version_info[:2], config.BOUNDSCHECK, config.OPT, *host
+    return inspect.getsource(native) + inspect.getsource(maths) + runtime + repr((*flags, config.CPU_NAME, config.CPU_FEATURES))
+
+
+def load(text: str, stem: str) -> types.ModuleType:
+    """Import generated text, compiled now or before; from any number of threads and processes at once.
+
+    Raises
+    ------
+    SinkError
+        Not even a temporary folder can be written.
+    """
+    name = f"{stem}_{_sum((text + _salt()).encode())[:20]}"
+    with _lock:
+        if name not in _loaded:
+            try:
+                _loaded[name] = _load(folder() / name, text)
+            except OSError as e:  # full or gone in the middle
+                _temporary(folder(), e)
+                try:
+                    _loaded[name] = _load(folder() / name, text)
+                except OSError as again:
+                    raise SinkError(f"cannot compile into {folder()}: {again.strerror or again}") from again
+        return _loaded[name]
+
+
+def _load(place: Path, text: str) -> types.ModuleType:
+    if _sound(place, text):
+        with suppress(Exception):  # numba lets whatever unpickling says through
+            return _execute(place, text)
+    _remove(place)
+    part = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
+    try:
+        (part / f"{place.name}.py").write_text(text)
+        module = _execute(part, text, place.name)
+        _publish(part, place)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return module
+
+
+def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
+    """Run a text whose file lies in a folder: numba keeps what it compiles beside it."""
+    name = name or place.name
+    path = str(place / f"{name}.py")
+    module = types.ModuleType(name)
+    module.__file__ = path
+    config: Any = numba.config
+    elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""
+    sys.modules[name] = module  # for numba, which looks it up
+    try:
+        exec(compile(text, path, "exec", dont_inherit=True), module.__dict__)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    finally:
+        config.CACHE_DIR = elsewhere
+    return module
+
+
+def _publish(part: Path, place: Path) -> None:
+    """Put an entry on the disk and then into its place, unless another process was faster."""
+    sums = {}
+    for path in sorted(part.rglob("*")):
+        path.chmod(0o700 if path.is_dir() else 0o600)
+        regular.settle(path)
+        if path.is_file():
+            sums[str(path.relative_to(part))] = _sum(path.read_bytes())
+    if any(name.endswith(".nbc") for name in sums):  # or numba has kept it elsewhere, where its folder cannot be written
+        regular.publish(part / SUMS, json.dumps(sums))
+        if not place.exists():
+            with suppress(FileExistsError):
+                os.rename(part, place)
+        regular.settle(place.parent)
+
+
+def _sound(place: Path, text: str) -> bool:
+    """Whether an entry is what was compiled from this text."""
+    try:
+        info = os.lstat(place)
+        if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):
+            return False
+        sums = json.loads(regular.read(place / SUMS, "sidecar_bytes"))
+        sources = sums.pop(f"{place.name}.py") == _sum(text.encode()) and (place / f"{place.name}.py").read_text() == text
+        return sources and bool(sums) and all(_sum((place / name).read_bytes()) == s for name, s in sums.items())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return False
+
+
+def _remove(place: Path) -> None:
+    """Take an entry away, all of it at once: another process may be about to read it."""
+    if os.path.lexists(place):
+        aside = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
+        with suppress(FileNotFoundError):  # another process was faster
+            os.rename(place, aside / "damaged")
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _sum(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
