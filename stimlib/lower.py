@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import units as un
+from .bounds import limits
 from .errors import SceneError
 from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
 
@@ -51,7 +52,7 @@ class Program(NamedTuple):
     noises: dict[str, int]
     parents: list[int]  # parent of each clock
     removed: list[str]  # what rewriting took out, and why
-    hash: int  # of the structure: 64 bits
+    hash: int  # of structure and design numbers: 64 bits
 
 
 class _Node(NamedTuple):
@@ -68,7 +69,7 @@ class _Graph:
         self.removed: dict[str, None] = {}
 
     def number(self, b: Block, kids: tuple[int, ...]) -> int:
-        key = (type(b), kids, tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b))))  # type: ignore[arg-type]
+        key = (type(b), kids, _numbers(b))
         n = self.numbers.setdefault(key, len(self.nodes))
         if n == len(self.nodes):
             self.nodes.append(_Node(b, kids))
@@ -106,6 +107,11 @@ class _Graph:
         return self.number(b, kids)
 
 
+def _numbers(b: Block) -> tuple[Any, ...]:
+    """The design numbers of a block."""
+    return tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b)))  # type: ignore[arg-type]
+
+
 def _key(v: Any) -> Any:
     return ("array", v.shape, v.tobytes()) if isinstance(v, np.ndarray) else repr(v)
 
@@ -140,7 +146,7 @@ def lower(outputs: dict[str, Block]) -> Program:
                     "run its own copy; give each its own stream, or say shared=True if one noise everywhere is meant"
                 )
             noises.setdefault(name, i)
-    text = repr([(type_name(type(q.block)), q.kind, q.clock, q.args) for q in instances])
+    text = repr([(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances])
     return Program(
         instances,
         {name: made["block", number[id(g)], ROOT] for name, g in zip(outputs, guards, strict=True)},
@@ -232,6 +238,18 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
                     f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more than the {lead(fs)} that run "
                     f"before sample 0 at fs = {fs:g} Hz; use lower orders or shorter delays"
                 )
+
+
+def designs(program: Program, fs: float) -> list[tuple[Any, Any]]:
+    """Parameters and states at rest of all instances; an error before more memory is taken than ``limits.state_bytes``."""
+    used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
+    design = []
+    for q in program.instances:
+        p, s = q.block.design(fs) if q.kind == "block" else ((), ())
+        used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
+        limits.check("state_bytes", used, f"bytes of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        design.append((p, s))
+    return design
 
 
 def first_states(program: Program, design: list[tuple[Any, Any]], seed: int) -> np.ndarray:

@@ -10,6 +10,8 @@ differentiator.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -39,6 +41,15 @@ MIN_RELATIVE_ERROR = 1e-13
 """Smallest error a differentiator is designed for: with more taps, rounding decides what happens outside the bands."""
 
 _DB = 10 / math.log(10)  # dB per unit of log |H|^2
+
+
+@contextmanager
+def asked_by(name: str) -> Iterator[None]:
+    """Errors in here begin with a name that the user knows, instead of that of a function of this file."""
+    try:
+        yield
+    except BadValue as e:
+        raise BadValue(f"{name}: {str(e).partition(': ')[2]}") from None
 
 
 # --- the exchange ---------------------------------------------------------------------------------------------------

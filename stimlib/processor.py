@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import threading
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
 from .errors import BadValue, SceneError, UnknownName
-from .graph import pack
-from .lower import PARAMS, ROOT, Program, check_memory, first_states, lead, lower
+from .graph import kind, pack
+from .lower import PARAMS, ROOT, Program, check_memory, designs, first_states, lead, lower
 
 if TYPE_CHECKING:
     from .targets.jax import Function
 
 TARGETS = ("numba", "python", "jax")
+LONGEST = 2**62
+"""Samples of the longest run."""
 
 
 class Change(NamedTuple):
@@ -85,6 +89,13 @@ class Processor:
 
     Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y; ``params`` are the live numbers;
     ``units`` gives the unit of each of them; ``log`` lists every change by sample index.
+
+    Notes
+    -----
+    Processors are independent of each other: compile and run as many as you like in as many threads.  One processor is for
+    one thread at a time.  ``set``, ``reset`` and ``state`` wait for each other, and ``index``, ``params``, ``fault`` may be
+    read at any time; but while ``process`` runs in one thread, no other may call ``process``, ``reset`` or ``state``: that
+    breaks nothing but the samples.  Sinks change live numbers of a running processor by ``sink.set``.
     """
 
     def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
@@ -97,7 +108,7 @@ class Processor:
             raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = lower(scene.outputs)
-        self.design = [q.block.design(fs) if q.kind == "block" else ((), ()) for q in self.program.instances]
+        self.design = designs(self.program, fs)
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from .targets.numba import Engine
@@ -118,8 +129,11 @@ class Processor:
         self._place = np.cumsum([0, *sizes[:-1]]).tolist()  # of each instance's state among the words
         self._guards = [(name, self._place[i]) for name, i in self.program.outputs.items()]
         self._fresh: dict[int, np.ndarray] = {}
-        self._header = np.array([self.program.hash, 0], np.uint64)
-        self._header[0] ^= np.uint64(hash(fs) & 0xFFFFFFFFFFFF)
+        self._size = 2 + sum(sizes)
+        shapes = [[(kind(v), np.size(v)) for v in s] for _, s in self.design]
+        text = repr((self.program.hash, fs.hex(), shapes))
+        self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
+        self._lock = threading.RLock()
         self.reset(seed)
 
     def __repr__(self):
@@ -143,7 +157,8 @@ class Processor:
         Raises
         ------
         BadValue
-            A wrong shape, type or layout; nothing has run then.
+            A wrong shape, type or layout; an ``out`` that shares memory with x other than in whole rows (``out`` may be x).
+            Nothing has run then.
 
         Examples
         --------
@@ -161,6 +176,8 @@ class Processor:
             pass
         self._explain("x", x, self.inputs, None)
         self._explain("out", out, self.outputs, x.shape[1])
+        if np.may_share_memory(x, out):
+            raise BadValue("process: out and x share memory, shifted by a part of a row: use another array, or x itself")
         raise AssertionError("process refused arrays that look right")
 
     def _explain(self, name: str, a: Any, rows: tuple[str, ...], n: int | None) -> None:
@@ -186,25 +203,31 @@ class Processor:
     def state(self) -> np.ndarray:
         """Everything that the next sample depends on: one flat uint64 array (a copy).
 
-        Word 0 tells the scene's structure and fs, word 1 the sample index; then all states in canonical order, the same
-        on every target.  Assign it to go on from there: ``params`` are then those of the state, and the log is empty.
+        Word 0 tells the scene with all its design numbers and fs, word 1 the sample index; then all states in canonical
+        order, the same on every target.  Assign it to go on from there: ``params`` are then those of the state, and the log
+        is empty.  BadValue for a state of another scene or sample rate.
         """
-        self._header[1] = self.index
-        return np.concatenate([self._header, self._engine.words])
+        with self._lock:
+            words = self._engine.words
+            return np.concatenate([self._identity, np.array([self.index], np.uint64), words])
 
     @state.setter
     def state(self, words: np.ndarray) -> None:
-        words = np.asarray(words)
-        size = 2 + self._fresh[self.seed].size
-        if words.dtype != np.uint64 or words.shape != (size,):
-            raise BadValue(f"state must be uint64 of shape ({size},), as proc.state gives it; got {words.dtype} {words.shape}")
-        if words[0] != self._header[0]:
+        words = np.ascontiguousarray(words)
+        if words.dtype != np.uint64 or words.shape != (self._size,):
+            raise BadValue(
+                f"state must be uint64 of shape ({self._size},), as proc.state gives it; got {words.dtype} {words.shape}"
+            )
+        if words[0] != self._identity[0]:
             raise BadValue("this state belongs to another scene or sample rate")
-        self._engine.words = words[2:]
-        self._engine.count = int(words[1])
-        self.log.clear()
-        target = words[2:].view(np.float64)
-        self.params = {name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()}  # graph.ParamState
+        if words[1] > LONGEST:
+            raise BadValue(f"this state is at sample {words[1]}, which no run reaches: it is damaged")
+        with self._lock:
+            self._engine.words = words[2:]
+            self._engine.count = int(words[1])
+            self.log.clear()
+            target = words[2:].view(np.float64)
+            self.params = {name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()}  # graph.ParamState
 
     def reset(self, seed: int | None = None) -> None:
         """Back to sample 0, live numbers at their initial values; with a seed, every noise gets new keys.
@@ -218,20 +241,21 @@ class Processor:
             seed = self.seed
         if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
             raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
-        self.seed = int(seed)
-        if self.seed not in self._fresh:
-            self._engine.words = first_states(self.program, self.design, self.seed)
-            for clock in range(len(self.program.parents) - 1, PARAMS, -1):
-                if any(q.autonomous and q.clock == clock and q.kind in ("block", "open") for q in self.program.instances):
-                    self._engine.warm(clock, lead(self.fs))
-            if len(self._fresh) >= 8:
-                self._fresh.pop(next(iter(self._fresh)))
-            self._fresh[self.seed] = self._engine.words
-        self._engine.words = self._fresh[self.seed]
-        self._engine.count = 0
-        blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
-        self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
-        self.log.clear()
+        with self._lock:
+            self.seed = int(seed)
+            if self.seed not in self._fresh:
+                self._engine.words = first_states(self.program, self.design, self.seed)
+                for clock in range(len(self.program.parents) - 1, PARAMS, -1):
+                    if any(q.autonomous and q.clock == clock and q.kind in ("block", "open") for q in self.program.instances):
+                        self._engine.warm(clock, lead(self.fs))
+                if len(self._fresh) >= 8:
+                    self._fresh.pop(next(iter(self._fresh)))
+                self._fresh[self.seed] = self._engine.words
+            self._engine.words = self._fresh[self.seed]
+            self._engine.count = 0
+            blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
+            self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
+            self.log.clear()
 
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
         """Change a live number from the next sample on.
@@ -265,11 +289,12 @@ class Processor:
         value, ramp = _number(value, f"set({name!r}): value"), _number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
-        if not (math.isfinite(ramp) and ramp >= 0):
+        if not (math.isfinite(ramp * self.fs) and ramp >= 0):
             raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
-        self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
-        self.params[name] = value
-        self.log.append(Change(self.index, name, value, ramp))
+        with self._lock:
+            self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
+            self.params[name] = value
+            self.log.append(Change(self.index, name, value, ramp))
 
     # Telling -----------------------------------------------------------------------------------------------------
     @property
@@ -352,7 +377,11 @@ def rate(fs: Any) -> float:
 
 def _number(v: Any, what: str) -> float:
     try:
+        if isinstance(v, (str, bytes)):
+            raise TypeError
         return float(v)
+    except OverflowError:
+        raise BadValue(f"{what} is too large: numbers end at 1.8e308") from None
     except (TypeError, ValueError):
         raise BadValue(f"{what} must be a number, got {v!r}") from None
 

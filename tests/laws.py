@@ -121,6 +121,22 @@ def float_words(proc):
     return np.array(mask)
 
 
+WRONG = np.array([2**64 - 1, 2**63, 5, 70, 10**8], np.uint64), np.array([np.nan, np.inf, -np.inf, -1e6, -1.0, 0.5, 1e300])
+
+
+def garbage(proc, rng, singles=12):
+    """States that no run has: random bits, not finite, huge, negative; and one wrong word in a good one."""
+    good = proc.state
+    n = good.size - 2
+    wrong = np.concatenate([w.view(np.uint64) for w in WRONG])
+    bodies = [rng.integers(0, 2**64, n, np.uint64), rng.choice(wrong, n), np.full(n, 2**64 - 1, np.uint64)]
+    bodies += [np.full(n, v).view(np.uint64) for v in (np.nan, np.inf, -1e300, -3.0, 1e9)]
+    for _ in range(singles if n else 0):
+        bodies.append(good[2:].copy())
+        bodies[-1][rng.choice([rng.integers(n), n - 1 - rng.integers(min(n, 4))])] = rng.choice(wrong)  # numbers follow arrays
+    return [np.concatenate([good[:2], body]) for body in bodies]
+
+
 def impulse_response(proc, output, input, n, at=8):
     """Answer to 1 at sample ``at``, from there on; inputs and processor at rest before."""
     x = np.zeros((len(proc.inputs), n + at))

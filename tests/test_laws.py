@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from contract import TABLE, missing, velocity_law
-from laws import assert_same, cut_at, float_words, guarded, impulse_response, random_cuts, raw, rows, run, some_sets
+from laws import assert_same, cut_at, float_words, garbage, guarded, impulse_response, random_cuts, raw, rows, run, some_sets
 from scipy.interpolate import CubicSpline
 
 import stimlib
@@ -367,7 +367,7 @@ import numba
 assert numba.config.BOUNDSCHECK == 1
 import stimlib
 from contract import TABLE
-from laws import random_cuts, rows, run, some_sets
+from laws import garbage, random_cuts, rows, run, some_sets
 
 out = {}
 for e in TABLE:
@@ -376,6 +376,10 @@ for e in TABLE:
     rng = np.random.default_rng(10)
     out[e.name] = run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng))
     assert not broken, (e.name, broken)
+    for state in garbage(proc, rng, 60):
+        proc.state = state
+        proc.process(x[:, :130].copy())
+        assert not broken, (e.name, state, broken)
 
 from dataclasses import dataclass
 from stimlib.graph import Block
@@ -408,7 +412,7 @@ class Trespass(Block):
 
 
 def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
-    """The whole table with NUMBA_BOUNDSCHECK=1, in a process and a cache of its own; and the same bits."""
+    """The whole table, from good states and from any others, with NUMBA_BOUNDSCHECK=1; and the same bits."""
     (tmp_path / "bounded.py").write_text(BOUNDED)
     (tmp_path / "trespass.py").write_text(TRESPASS)
     here = Path(__file__).parent
@@ -428,6 +432,22 @@ def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
             proc, x = driven(e, e.rates[0], 700)
             rng = np.random.default_rng(10)
             assert_same(run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng)), y[e.name], e.name)
+
+
+@pytest.mark.parametrize(("entry", "fs"), FIRST)
+def test_law_3_whatever_a_state_says_means_the_same_everywhere(entry, fs):
+    """No index is taken from it as it is: neither beyond an array nor, as Python would, from an array's end."""
+    procs = pair(entry, fs)
+    rng = np.random.default_rng(12)
+    x = rows(procs[0], entry.x(5, fs), entry.inputs)
+    for state in garbage(procs[0], rng):
+        got = []
+        for proc in procs:
+            proc.state = state
+            got.append(proc.process(x))
+        nan = np.isnan(got)
+        np.testing.assert_array_equal(*nan)
+        assert_same(*np.where(nan, 0.0, got), f"{entry.name} from {state}")
 
 
 def test_velocity_law_has_the_slope_of_a_derivative():

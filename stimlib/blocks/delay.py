@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bounds import limits
 from ..errors import BadValue
 from ..graph import Block, as_block
 from ..maths import where
@@ -40,7 +41,9 @@ class Delay(Block):
             raise BadValue(f"delay: seconds = {self.seconds!r} must be above 0")
 
     def design(self, fs):
-        n = self.samples if self.samples is not None else round(self.seconds * fs)
+        length = self.seconds * fs if self.samples is None else float(min(self.samples, 10**300))
+        limits.check("state_bytes", 8 * length, f"delay: bytes of its samples at fs = {fs:g} Hz")
+        n = round(length)
         if n < 1:
             raise BadValue(f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
         return DelayParams(float(n)), DelayState(np.zeros(n), np.uint64(0))

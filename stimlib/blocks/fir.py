@@ -128,27 +128,34 @@ class Differentiator(Fir):
         return u[0] * RATE
 
     def design(self, fs):
-        passband, stopband = self.passband, self.stopband
-        if passband is None:
-            passband = 0.45 * fs
-        elif stopband is None:
-            stopband = 1.5 * passband
-        order = self.order
-        if order is None:
-            order = 2 * round(64 * fs / 8000)
-        if passband >= fs / 2 or (stopband is not None and stopband > fs / 2):
+        order = 2 * round(64 * fs / 8000) if self.order is None else self.order
+        passband = 0.45 * fs if self.passband is None else self.passband
+        if passband >= fs / 2:
+            good = (p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol)
             raise BadValue(
-                f"differentiator: pass band to {passband:g} Hz, stop band from {stopband or fs / 2:g} Hz does not fit below "
-                f"fs/2 = {fs / 2:g} Hz; give a smaller passband, such as {fs / 8:g}"
+                f"differentiator: a pass band to {passband:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; give a smaller passband"
+                + next((f", such as {p:g}" for p in good), "")
             )
-        d = minimax.differentiator_taps(fs, passband, stopband, order)
+        d = self._taps(fs, passband, order)
         if d.error > self.tol:
-            need = minimax.differentiator_order(fs, passband, stopband, self.tol)
+            with minimax.asked_by("differentiator"):
+                need = minimax.differentiator_order(fs, passband, self._stop(fs, passband), self.tol)
             raise BadValue(
                 f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of {d.error:.1e} up to {passband:g} Hz, "
                 f"above tol = {self.tol:g}; use order={need}, or tol={d.error:.1g}"
             )
         return line(d.taps)
+
+    def _stop(self, fs, passband):
+        """Stop edge for this pass edge, which may be another than that asked for; None where nothing is left to be stopped."""
+        if self.passband is None:
+            return None if self.stopband is None or self.stopband > fs / 2 else self.stopband
+        stopband = 1.5 * passband if self.stopband is None else self.stopband + (passband - self.passband)
+        return stopband if stopband <= fs / 2 else None
+
+    def _taps(self, fs, passband, order):
+        with minimax.asked_by("differentiator"):
+            return minimax.differentiator_taps(fs, passband, self._stop(fs, passband), order)
 
 
 RATE = un.Unit((("second", -1.0),))
@@ -165,7 +172,8 @@ def differentiator(
     passband : float, optional
         Upper edge of the pass band in Hz.  Default: 0.45 fs, without a stop band.
     stopband : float, optional
-        Lower edge of the stop band in Hz.  Default: 1.5 passband where a passband is given.
+        Lower edge of the stop band in Hz; there is none where this is above fs/2.  Default: 1.5 passband where a passband is
+        given.
     order : int, optional
         Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
     tol : float
@@ -179,7 +187,7 @@ def differentiator(
     Raises
     ------
     BadValue
-        At compile time: bands that do not fit below fs/2; an order too low for tol (the message names the order needed).
+        At compile time: a pass band that does not fit below fs/2; an order too low for tol (the message names the order needed).
 
     References
     ----------

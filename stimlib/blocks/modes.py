@@ -68,7 +68,8 @@ class Pinking(Modes):
         positive(self, "f_low", "tol_db")
 
     def design(self, fs):
-        m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with minimax.asked_by("pinking"):
+            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
         return bank(m.e, m.r, m.d)
 
 
@@ -122,7 +123,8 @@ class PinkNoise(Modes):
         positive(self, "psd_1hz", "f_low", "tol_db")
 
     def design(self, fs):
-        m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with minimax.asked_by("pink_noise"):
+            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
         gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
         return bank(m.e, gain * m.r, gain * m.d)
 

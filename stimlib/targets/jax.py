@@ -19,7 +19,7 @@ import numpy as np
 from ..blocks.gate import Gate
 from ..errors import BadValue, SceneError, UnknownName
 from ..graph import AtLeast, Block, Const, Greater, Param
-from ..lower import PARAMS, ROOT, Program, check_memory, lead, lower
+from ..lower import PARAMS, ROOT, Program, check_memory, designs, lead, lower
 from ..processor import rate
 from ..rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
@@ -56,7 +56,7 @@ class Function:
         self.scene, self.fs, self.dtype, self.surrogate = scene, rate(fs), dtype, surrogate
         self.seed = int(_key("seed", seed))
         self.program: Program = lower(scene.outputs)
-        self.design = [q.block.design(self.fs) if q.kind == "block" else ((), ()) for q in self.program.instances]
+        self.design = designs(self.program, self.fs)
         check_memory(self.program, self.design, self.fs)
         instances = self.program.instances
         for q in instances:

@@ -104,6 +104,11 @@ def data(ctx, a):
 
 
 @intrinsic
+def address(ctx, p):
+    return i8(p), lambda c, b, s, v: b.ptrtoint(v[0], I64)
+
+
+@intrinsic
 def move(ctx, to, source, n):
     """Copy n words."""
 

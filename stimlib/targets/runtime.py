@@ -2,7 +2,7 @@
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.native import F8, I8, as_i8, at, call, data, f8_at, i8_at, move, run
+from stimlib.targets.native import F8, I8, address, as_i8, at, call, data, f8_at, i8_at, move, run
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
 #      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen
@@ -88,5 +88,8 @@ ARRAYS = types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C", 
 def process(ctx, x, y):
     if x.shape[0] != ctx[6] or y.shape[0] != ctx[7] or x.shape[1] != y.shape[1]:
         return 1
+    apart = address(data(y)) - address(data(x))
+    if -8 * y.size < apart < 8 * x.size and apart % (8 * x.shape[1]) != 0:
+        return 1  # a sample would be written before it is read; whole rows are read first
     run(ctx[16], data(ctx), data(x), data(y), y.shape[1])
     return 0
