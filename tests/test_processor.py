@@ -1,6 +1,7 @@
 """The processor: messages, `out`, live numbers, latency, response, plan."""
 
 import ctypes
+import threading
 
 import numpy as np
 import pytest
@@ -90,6 +91,30 @@ def test_in_place():
     assert_same(proc.process(u, u), wanted)
 
 
+@both
+@pytest.mark.parametrize("shift", [1, 63, 64, 99, 101, -1, -64, -130])
+def test_out_shifted_against_x_is_refused(target, shift):
+    """Samples would be written before they are read."""
+    memory = np.zeros(700)
+    u = memory[200:400].reshape(2, 100)
+    out = memory[200 + shift :][:200].reshape(2, 100)
+    proc = make({"a": x + z, "b": x * z}, target=target)
+    with pytest.raises(BadValue, match="out and x share memory"):
+        proc.process(u, out)
+    assert proc.index == 0 and not memory.any()
+
+
+@both
+@pytest.mark.parametrize("rows", [-2, -1, 0, 1, 2])
+def test_out_may_be_rows_of_the_same_table(target, rows):
+    memory = np.random.default_rng(3).standard_normal((6, 150))
+    proc = make({"a": blocks.delay(x, 3) + z, "b": x * z}, target=target)
+    u = memory[2:4]
+    wanted = proc.process(u)
+    proc.reset()
+    assert_same(proc.process(u, memory[2 + rows : 4 + rows]), wanted)
+
+
 def test_the_address_gives_the_same_bits():
     proc = make({"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)}, target="numba")
     u = np.random.default_rng(2).standard_normal((1, 300))
@@ -106,10 +131,37 @@ def test_the_address_gives_the_same_bits():
 
 
 # compile -------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("fs", [0, -1, np.nan, np.inf, "fast", None])
+@pytest.mark.parametrize("fs", [0, -1, np.nan, np.inf, "fast", None, "8000", b"8000", 10**400, 1j, [8000, 1], 1e300])
 def test_bad_rates(fs):
     with pytest.raises(BadValue, match="fs"):
         make(fs=fs)
+
+
+@both
+@pytest.mark.parametrize(
+    "block",
+    [
+        blocks.delay(x, samples=10**12), blocks.delay(x, samples=10**400), blocks.delay(x, seconds=1e300),
+        blocks.delay(x, seconds=1e308), blocks.delay(blocks.delay(x, samples=3 * 10**8), samples=3 * 10**8 + 1),
+    ],
+)  # fmt: skip
+def test_more_memory_than_is_allowed_is_an_error_before_it_is_taken(target, block):
+    with pytest.raises(BadValue, match="limits.state_bytes.*STIMLIB_LIMITS"):
+        make({"y": block}, target=target)
+
+
+def test_the_limit_of_memory_is_the_users(monkeypatch):
+    scene = {"y": blocks.delay(x, 2000)}
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 10_000)
+    with pytest.raises(BadValue, match="state_bytes"):
+        make(scene)
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 30_000)
+    make(scene)
+
+
+def test_a_sample_rate_needs_memory_for_its_lead():
+    with pytest.raises(BadValue, match="state_bytes"):
+        make({"y": x + blocks.white_noise(1)}, fs=1e13)
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "a", None])
@@ -203,7 +255,8 @@ def test_a_setting_is_part_of_the_state_at_once(target):
     [
         (("b", 1.0), UnknownName, ["'b'", "a, k"]), (("a", np.nan), BadValue, ["finite"]), (("a", np.inf), BadValue, ["finite"]),
         (("a", 1.0, -0.1), BadValue, ["ramp", "at least 0"]), (("a", 1.0, np.nan), BadValue, ["ramp"]),
-        (("a", "x"), BadValue, ["a"]),
+        (("a", "x"), BadValue, ["a"]), (("a", "1.0"), BadValue, ["a"]), (("a", 10**400), BadValue, ["too large"]),
+        (("a", 1.0, 1e308), BadValue, ["ramp"]), (("a", 1.0, 10**400), BadValue, ["ramp"]),
         (("a", None), BadValue, ["a"]),
     ],
 )  # fmt: skip
@@ -312,3 +365,87 @@ def test_a_fault_names_output_and_sample(target):
     assert_same(y[0], u[1 - row])
     proc.reset()
     assert proc.fault is None
+
+
+# state ---------------------------------------------------------------------------------------------------------------
+def line(*samples):
+    y = x
+    for n in samples:
+        y = blocks.delay(y, n)
+    return y
+
+
+@both
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (line(60000, 3), line(3, 60000)),  # the same classes, wiring and number of words
+        (blocks.first_order(x, 1.0), blocks.first_order(x, 2.0)),
+        (blocks.white_noise(1), blocks.white_noise(2)),
+        (blocks.lut(x, [0, 1, 2], [0, 1, 0]), blocks.lut(x, [0, 1, 2], [0, 1, 1])),
+        (blocks.fir(x, [1, 2, 3]), blocks.fir(x, [1, 2, 4])),
+    ],
+    ids=["sizes", "number", "key", "table", "taps"],
+)
+def test_a_state_of_a_scene_with_other_numbers_is_refused(target, one, other):
+    proc = make({"y": one}, target=target)
+    before = proc.state
+    with pytest.raises(BadValue, match="another scene or sample rate"):
+        proc.state = make({"y": other}, target=target).state
+    with pytest.raises(BadValue, match="another scene or sample rate"):
+        proc.state = make({"y": one}, target=target, fs=np.nextafter(1000, 2000)).state
+    assert_same(proc.state, before)
+    proc.state = make({"y": one}, target="python").state
+
+
+@both
+def test_a_state_beyond_every_run_is_refused(target):
+    proc = make(target=target)
+    state = proc.state
+    for index in (2**64 - 1, 2**63, 2**62 + 1):
+        state[1] = index
+        with pytest.raises(BadValue, match="no run reaches"):
+            proc.state = state
+    state[1] = 2**62
+    proc.state = state
+    proc.process(np.zeros((2, 3)))
+    assert proc.index == proc.state[1] == 2**62 + 3
+
+
+def test_a_state_with_gaps_is_taken():
+    proc = make({"a": blocks.delay(x, 3)}, target="numba")
+    proc.process(np.ones((1, 2)))
+    state = proc.state
+    proc.state = np.repeat(state, 2)[::2]
+    assert_same(proc.state, state)
+
+
+def test_state_reset_and_set_wait_for_each_other():
+    """From several threads: no error, and every seed's start stays what it is."""
+    proc = make({"y": blocks.white_noise(1) * Param("a", 1.0) + x}, target="numba")
+    starts, errors = {}, []
+    for seed in range(30):
+        proc.reset(seed)
+        starts[seed] = proc.state
+    state = starts[0]
+
+    def work(action):
+        try:
+            for k in range(60):
+                action(k)
+        except Exception as e:
+            errors.append(e)
+
+    def assign(k):
+        proc.state = state
+
+    actions = (lambda k: proc.reset(k % 30), assign, lambda k: proc.set("a", 2.0), lambda k: proc.state, lambda k: proc.fault)
+    threads = [threading.Thread(target=work, args=(a,)) for a in (*actions, actions[0])]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert errors == []
+    for seed, start in starts.items():
+        proc.reset(seed)
+        assert_same(proc.state, start)

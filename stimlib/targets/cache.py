@@ -9,6 +9,7 @@ written.
 from __future__ import annotations
 
 import atexit
+import errno
 import hashlib
 import inspect
 import json
@@ -161,17 +162,17 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
 
 def _publish(part: Path, place: Path) -> None:
     """Put an entry on the disk and then into its place, unless another process was faster."""
-    sums = {}
-    for path in sorted(part.rglob("*")):
-        path.chmod(0o700 if path.is_dir() else 0o600)
-        regular.settle(path)
-        if path.is_file():
-            sums[str(path.relative_to(part))] = _sum(path.read_bytes())
+    sums = {str(path.relative_to(part)): _sum(path.read_bytes()) for path in sorted(part.rglob("*")) if path.is_file()}
     if any(name.endswith(".nbc") for name in sums):  # or numba has kept it elsewhere, where its folder cannot be written
         regular.publish(part / SUMS, json.dumps(sums))
-        if not place.exists():
-            with suppress(FileExistsError):
-                os.rename(part, place)
+        for path in part.rglob("*"):
+            path.chmod(0o700 if path.is_dir() else 0o600)
+            regular.settle(path)
+        try:
+            os.rename(part, place)
+        except OSError as e:
+            if e.errno not in (errno.EEXIST, errno.ENOTEMPTY):
+                raise
         regular.settle(place.parent)
 
 

@@ -1,10 +1,13 @@
 """Finite impulse responses against numpy's convolution; the differentiator against calculus."""
 
+import re
+
 import numpy as np
 import pytest
+from laws import assert_same
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import BadValue, Input, Scene, blocks
 from stimlib.blocks import differentiator, fir
 
 x = Input("x")
@@ -56,3 +59,35 @@ def test_the_papers_filter_has_order_128_at_8_khz():
 def test_a_constant_has_no_rate():
     y = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000).process(np.full((1, 500), 3.0))[0]
     assert np.abs(y[128:]).max() < 1e-9
+
+
+@pytest.mark.parametrize("fs", [400, 500, 1000, 1500, 2000])
+def test_a_recommended_pass_band_is_one_that_works(fs):
+    with pytest.raises(BadValue, match="such as") as e:
+        stimlib.compile(stimlib.scenes.squeeze(), fs, "python")
+    passband = float(re.search(r"such as ([\d.]+)", str(e.value))[1])
+    stimlib.compile(stimlib.scenes.squeeze(passband=passband), fs, "python")
+
+
+def test_a_stop_band_above_half_the_rate_is_none():
+    one, other = (stimlib.compile(Scene({"v": differentiator(x, 100.0, stop)}), 1000) for stop in (600.0, 501.0))
+    u = np.random.default_rng(5).standard_normal((1, 300))
+    assert_same(one.process(u), other.process(u))
+    f = np.linspace(1.0, 100.0, 50)
+    np.testing.assert_allclose(np.abs(one.response("v", "x", f)), 2 * np.pi * f, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("block", "name"),
+    [
+        (lambda: differentiator(x, 100.0, order=3), "differentiator"),
+        (lambda: differentiator(x, 100.0, tol=1e-12), "differentiator"),
+        (lambda: differentiator(x, 100.0, 50.0), "differentiator"),
+        (lambda: blocks.pink_noise(1.0, 1, f_low=900.0), "pink_noise"),
+        (lambda: blocks.pinking(x, 1.0, 1e-9), "pinking"),
+    ],
+)
+def test_messages_name_what_was_called(block, name):
+    with pytest.raises(BadValue, match=f"^{name}: ") as e:
+        stimlib.compile(Scene({"y": block()}), 1000, "python")
+    assert "_taps" not in str(e.value) and "_modes" not in str(e.value)

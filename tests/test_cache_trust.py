@@ -1,0 +1,280 @@
+"""What the cache runs is what stimlib wrote: damage, strangers, and threads and processes at once."""
+
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cache import environment
+
+from stimlib.targets import cache
+
+RUN = """
+import hashlib, os, sys, threading
+def run(number=0):
+    import numpy as np
+    import stimlib
+    x, z = stimlib.Input("x"), stimlib.Input("z")
+    scene = stimlib.Scene({"y": x + z, "w": x + float(number)} if number % 2 else {"y": x + z})
+    y = stimlib.compile(scene, 1000).process(np.random.default_rng(1).standard_normal((2, 200)))
+    return hashlib.sha256(y[0].tobytes()).hexdigest()
+"""
+ONE = RUN + "os.umask(0)\nprint(run())\n"
+THREADS = (
+    RUN
+    + """
+barrier, found = threading.Barrier(6), []
+def work(number):
+    barrier.wait()
+    try:
+        found.append(run(number))
+    except BaseException as e:
+        found.append(repr(e))
+threads = [threading.Thread(target=work, args=(k,)) for k in range(6)]
+for t in threads: t.start()
+for t in threads: t.join()
+print(*sorted(set(found)))
+"""
+)
+
+
+def process(text, folder, **more):
+    return subprocess.Popen(
+        [sys.executable, "-c", text], env=environment(folder) | more, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def finish(p):
+    out, err = p.communicate(timeout=300)
+    assert p.returncode == 0, err[-4000:]
+    return out.strip(), err
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A cache in a folder where everybody may make files, by a process that keeps nothing from anybody; its samples."""
+    shared = tmp_path_factory.mktemp("shared")
+    shared.chmod(0o1777)
+    out, err = finish(process(ONE, shared / "deep" / "cache"))
+    assert err == ""
+    return out, shared / "deep" / "cache"
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return Path(shutil.copytree(made[1], tmp_path / "cache"))
+
+
+@pytest.fixture
+def anew(monkeypatch):
+    """This process chooses its folder again."""
+    monkeypatch.setattr(cache, "_folder", None)
+    return lambda path: monkeypatch.setenv("STIMLIB_CACHE", str(path))
+
+
+def entry(folder, stem):
+    (found,) = folder.glob(f"{stem}_*")
+    return found
+
+
+def files(place):
+    return sorted(p for p in place.rglob("*") if p.is_file())
+
+
+# Strangers -----------------------------------------------------------------------------------------------------------
+def test_nobody_else_gets_at_it_whatever_the_umask(made):
+    for path in (made[1].parent, made[1], *made[1].rglob("*")):
+        assert not stat.S_IMODE(path.stat().st_mode) & 0o077, path
+
+
+def open_to_all(path):
+    path.chmod(0o777)
+
+
+def open_to_a_group(path):
+    path.chmod(0o770)
+
+
+def of_a_stranger(path):
+    if os.geteuid():
+        pytest.skip("only root can give a folder away")
+    os.chown(path, 65534, 65534)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (open_to_all, "others may write to it.*chmod go-w"),
+        (open_to_a_group, "others may write"),
+        (of_a_stranger, "belongs to user"),
+    ],
+)
+def test_a_folder_that_is_not_private_is_not_used(folder, anew, change, words):
+    change(folder)
+    anew(folder)
+    with pytest.warns(RuntimeWarning, match=f"{words}.*set STIMLIB_CACHE"):
+        place = cache.folder()
+    assert place != folder and not stat.S_IMODE(place.stat().st_mode) & 0o077
+
+
+def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    anew(tmp_path / "open" / "cache")
+    with pytest.warns(RuntimeWarning, match="everybody may replace what is in .*open"):
+        assert cache.folder().name.startswith("stimlib-tmp-")
+
+
+@pytest.mark.parametrize("change", [open_to_all, open_to_a_group, of_a_stranger])
+def test_an_entry_of_a_stranger_is_not_run(folder, change):
+    place = entry(folder, "Add")
+    text = (place / f"{place.name}.py").read_text()
+    assert cache._sound(place, text)
+    change(place)
+    assert not cache._sound(place, text)
+
+
+def test_an_entry_that_is_a_link_is_not_run(folder, tmp_path):
+    place = entry(folder, "Add")
+    text = (place / f"{place.name}.py").read_text()
+    place.rename(tmp_path / "planted")
+    place.symlink_to(tmp_path / "planted")
+    assert not cache._sound(place, text)
+
+
+# Damage --------------------------------------------------------------------------------------------------------------
+def test_every_flipped_bit_is_seen(folder):
+    rng = np.random.default_rng(0)
+    for place in (entry(folder, "Add"), entry(folder, "runtime")):
+        text = (place / f"{place.name}.py").read_text()
+        for path in files(place):
+            good = path.read_bytes()
+            for _ in range(60):
+                data = bytearray(good)
+                data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+                path.write_bytes(data)
+                assert not cache._sound(place, text), path
+            path.write_bytes(good)
+        assert cache._sound(place, text)
+        assert not cache._sound(place, text + "\n"), "an entry of another text"
+
+
+def flip(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 16
+    path.write_bytes(data)
+
+
+def halve(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+DAMAGE = {
+    "bits of the code": ("*.nbc", flip),
+    "bits of the index": ("*.nbi", flip),
+    "half a text": ("*.py", halve),
+    "an empty text": ("*.py", lambda path: path.write_bytes(b"")),
+    "no sums": (cache.SUMS, os.unlink),
+    "sums of something else": (cache.SUMS, lambda path: path.write_text("[1]")),
+    "a folder for a file": (cache.SUMS, lambda path: (path.unlink(), path.mkdir())),
+    "no index": ("*.nbi", os.unlink),
+}
+
+
+FORKS = (
+    RUN
+    + """
+import stimlib.targets.numba
+for folder in sys.argv[1:]:
+    pid = os.fork()
+    if not pid:
+        os.environ["STIMLIB_CACHE"] = folder
+        print(run(), flush=True)
+        os._exit(0)
+    os.waitpid(pid, 0)
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def healed(made, tmp_path_factory):
+    """What a process gives, and what it leaves, for each kind of damage."""
+    found = {}
+    for what, (pattern, change) in DAMAGE.items():
+        folder = tmp_path_factory.mktemp("damaged") / "cache"
+        shutil.copytree(made[1], folder)
+        change(next(entry(folder, "Add").rglob(pattern)))
+        found[what] = folder
+    done = subprocess.run(
+        [sys.executable, "-c", FORKS, *map(str, found.values())], env=environment(made[1]), capture_output=True, text=True
+    )
+    return dict(zip(found, zip(done.stdout.split(), found.values(), strict=True), strict=True)), done.stderr
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_what_is_damaged_is_compiled_again(made, healed, what):
+    samples, folder = healed[0][what]
+    assert samples == made[0] and healed[1] == ""
+    place = entry(folder, "Add")
+    assert cache._sound(place, (place / f"{place.name}.py").read_text())
+    assert not list(folder.rglob("*.tmp"))
+
+
+def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
+    """Sums that fit do not make code that fits."""
+    place = entry(folder, "Add")
+    code = next(place.rglob("*.nbc"))
+    code.write_bytes(b"not a pickle")
+    sums = json.loads((place / cache.SUMS).read_text())
+    sums[str(code.relative_to(place))] = cache._sum(b"not a pickle")
+    (place / cache.SUMS).write_text(json.dumps(sums))
+    assert finish(process(ONE, folder)) == (made[0], "")
+
+
+# At once -------------------------------------------------------------------------------------------------------------
+def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
+    flip(next(entry(folder, "Add").rglob("*.nbc")))
+    assert {finish(p) for p in [process(ONE, folder) for _ in range(3)]} == {(made[0], "")}
+    assert not list(folder.rglob("*.tmp"))
+
+
+def test_threads_that_compile_at_once(made, tmp_path):
+    """Into an empty cache, and from a full one; beside it, numba's own folder stays empty."""
+    for _ in range(2):
+        out, err = finish(process(THREADS, tmp_path / "cache", NUMBA_CACHE_DIR=str(tmp_path / "numba")))
+        assert (out, err) == (made[0], "")
+    assert not (tmp_path / "numba").exists()
+
+
+SINKS = """
+import threading
+import stimlib
+from stimlib.devices.null import NullSink
+barrier, errors = threading.Barrier(2), []
+def work(k):
+    x = stimlib.Input("x", "m")
+    scene = stimlib.Scene({"y": stimlib.blocks.velocity(x) if k else 2.0 * x})
+    barrier.wait()
+    try:
+        with NullSink(scene, 50.0, clocked=False, motion={"x": lambda t: 0.0 * t}) as sink:
+            sink.open(1000)
+            sink.start(seconds=0.5)
+            sink.wait()
+        assert sink.report().produced == 500
+    except BaseException as e:
+        errors.append(e)
+threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+for t in threads: t.start()
+for t in threads: t.join()
+print(errors)
+"""
+
+
+def test_sinks_that_open_at_once():
+    done = subprocess.run([sys.executable, "-c", SINKS], env=os.environ, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
