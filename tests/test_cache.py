@@ -101,7 +101,7 @@ def mount(kind, *args):
 def test_a_read_only_folder_is_a_warning(small, wanted, tmp_path):
     folder = tmp_path / "readonly"
     folder.mkdir()
-    mount("a read-only folder", "-t", "tmpfs", "-o", "ro,size=64k", "none", str(folder))
+    mount("a read-only folder", "-t", "tmpfs", "-o", "ro,size=64k,mode=700", "none", str(folder))
     try:
         out, err = run(small, folder)
     finally:
@@ -115,7 +115,7 @@ def test_a_full_folder_is_a_warning(small, wanted, tmp_path, size):
     """Full from the start, and full in the middle of a segment."""
     folder = tmp_path / "full"
     folder.mkdir()
-    mount("a full disk", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder))
+    mount("a full disk", "-t", "tmpfs", "-o", f"size={size},mode=700", "none", str(folder))
     try:
         out, err = run(small, folder)
     finally:

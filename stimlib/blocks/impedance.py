@@ -54,8 +54,8 @@ class Velocity(Block):
 
     @staticmethod
     def step(p, s, x, contact):
-        d = where(s.cold > 0.0, 0.0, (x - s.last) * p.fs)
-        a = where(contact > 0.0, fma(p.g, (d + TINY) - s.a, s.a), 0.0)
+        d = where(s.cold > 0.0, 0.0, ((x - s.last) + TINY) * p.fs)  # TINY here also keeps a denormal step from the product
+        a = where(contact > 0.0, fma(p.g, d - s.a, s.a), 0.0)
         b = where(contact > 0.0, fma(p.g, a - s.b, s.b), 0.0)
         return flush(b), VelocityState(x, a, b, where(contact > 0.0, 0.0, 1.0))
 

@@ -53,7 +53,8 @@ def squeeze(
     seed : int
         Of the noise; finger i has stream i.
     passband : float
-        Of the differentiator, in Hz; the stop band begins 500 Hz above, which order 128 at 8 kHz reaches.
+        Of the differentiator, in Hz; the stop band begins 500 Hz above, which order 128 at 8 kHz reaches.  At low sample
+        rates that is above fs/2, and there is none.
     f_low, tol_db : float
         Lower edge (Hz) and accuracy of the pink noise.
     cutoff : float
