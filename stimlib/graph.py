@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 import math
+import sys
 from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -15,8 +16,9 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 
 from . import units as un
-from .errors import BadValue, SceneError, UnitError
+from .errors import BadValue, SceneError, StimlibError, UnitError
 from .maths import copy, where
+from .operators import Operators
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
@@ -31,7 +33,7 @@ registry: dict[str, type[Block]] = {}
 """Every final block class by the name scene files use."""
 
 
-class Block:
+class Block(Operators):
     """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``) or final.
 
     A final class, or an abstract one above it (a *primitive*), owns the definition of the output, either
@@ -125,28 +127,6 @@ class Block:
                 parts.append(f"{f.name}={v!r}" if self.children else repr(v))
         return f"{type(self).__name__}({', '.join(parts)})"
 
-    def __bool__(self):
-        raise SceneError(f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of if/and/or")
-
-    # fmt: off
-    def __add__(self, o): return Add(self, o)
-    def __radd__(self, o): return Add(o, self)
-    def __sub__(self, o): return Sub(self, o)
-    def __rsub__(self, o): return Sub(o, self)
-    def __mul__(self, o): return Mul(self, o)
-    def __rmul__(self, o): return Mul(o, self)
-    def __truediv__(self, o): return Div(self, o)
-    def __rtruediv__(self, o): return Div(o, self)
-    def __neg__(self): return Neg(self)
-    def __abs__(self): return Abs(self)
-    def __gt__(self, o): return Greater(self, o)
-    def __lt__(self, o): return Greater(o, self)
-    def __ge__(self, o): return AtLeast(self, o)
-    def __le__(self, o): return AtLeast(o, self)
-    # fmt: on
-
-    __array_ufunc__ = None  # numpy scalars on the left leave the operation to us
-
 
 @memo
 def signals(cls: type[Block]) -> tuple[str, ...]:
@@ -165,11 +145,21 @@ def as_block(v: Any) -> Block:
     """A block as it is; a number as a constant without unit."""
     if isinstance(v, Block):
         return v
-    if isinstance(v, (int, float, np.integer, np.floating)):
-        return Const(float(v))
-    raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r}")
+    if isinstance(v, np.ndarray) and v.ndim == 0:
+        v = v[()]
+    if isinstance(v, NUMBERS):
+        return Const(_float(v, "a number"))
+    raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r:.200}")
 
 
+def _float(v: Any, what: str) -> float:
+    try:
+        return float(v)
+    except OverflowError:
+        raise BadValue(f"{what} is beyond what a float can hold, {sys.float_info.max:.3g}") from None
+
+
+NUMBERS = (int, float, np.integer, np.floating)
 _KINDS = {
     "float": (int, float),
     "int": (int,),
@@ -189,9 +179,12 @@ def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
         )
     if isinstance(v, (list, tuple, np.ndarray)):
         try:
-            v = np.array(v, np.float64)
-        except (TypeError, ValueError):
-            raise BadValue(f"{where_} must be numbers, got {v!r}") from None
+            a = np.array(v)
+        except (TypeError, ValueError):  # rows of several lengths, or a block among them
+            a = np.array("")
+        if a.dtype.kind not in "iuf":
+            raise BadValue(f"{where_} must be numbers, got {v!r:.200}")
+        v = a.astype(np.float64)
         v.flags.writeable = False
         if not np.isfinite(v).all():
             raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(v)))}] is not finite")
@@ -202,8 +195,14 @@ def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
     words = [w.strip() for w in (f.type if isinstance(f.type, str) else getattr(f.type, "__name__", str(f.type))).split("|")]
     kinds = [k for w in words for k in _KINDS.get(w, (object,))]
     if not isinstance(v, tuple(kinds)) or (isinstance(v, bool) and bool not in kinds and object not in kinds):
-        raise BadValue(f"{where_} = {v!r} must be {' or '.join(words)}")
-    return float(v) if "float" in words and "int" not in words and isinstance(v, int) and not isinstance(v, bool) else v
+        raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(words)}")
+    if not isinstance(v, int) or isinstance(v, bool):
+        return v
+    if "float" in words and "int" not in words:
+        return _float(v, where_)
+    if abs(v) >= 2**64:
+        raise BadValue(f"{where_} must be below 2**64")
+    return v
 
 
 def positive(owner: Block, *names: str) -> None:
@@ -248,7 +247,7 @@ class Input(Block):
     unit: str = ""
 
     def check(self):
-        _name(self)
+        check_name(type(self).__name__, self.name)
 
     def units(self, *u):
         return unit(self.unit)
@@ -324,7 +323,7 @@ class Param(Block):
     unit: str = ""
 
     def check(self):
-        _name(self)
+        check_name(type(self).__name__, self.name)
 
     def units(self, *u):
         return unit(self.unit)
@@ -346,9 +345,12 @@ class Param(Block):
         return ParamState(s.y, s.target, 0.0)
 
 
-def _name(b):
-    if not isinstance(b.name, str) or not b.name or not b.name.replace("_", "a").isalnum():
-        raise BadValue(f"{type(b).__name__} name {b.name!r} must be letters, digits and underscores")
+def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> None:
+    """Raise unless a name has letters, digits and underscores alone, and not too many."""
+    if not isinstance(name, str) or not name.replace("_", "a").isalnum():
+        raise error(f"{what} name {name!r:.200} must be letters, digits and underscores")
+    if len(name) > 100:
+        raise error(f"{what} name {name[:20]!r}.. has {len(name)} letters; at most 100 are possible")
 
 
 # Arithmetic ----------------------------------------------------------------------------------------------------------
@@ -438,7 +440,7 @@ class Abs(Map):
         return abs(x), s
 
 
-class _Compare(Map, abstract=True):
+class Compare(Map, abstract=True):
     """1 where a comparison of two signals of one unit holds, else 0."""
 
     def units(self, *u):
@@ -447,7 +449,7 @@ class _Compare(Map, abstract=True):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Greater(_Compare):
+class Greater(Compare):
     """1 where a > b, else 0."""
 
     a: Block
@@ -459,7 +461,7 @@ class Greater(_Compare):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class AtLeast(_Compare):
+class AtLeast(Compare):
     """1 where a >= b, else 0."""
 
     a: Block
@@ -468,6 +470,30 @@ class AtLeast(_Compare):
     @staticmethod
     def step(p, s, a, b):
         return where(a >= b, 1.0, 0.0), s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Equal(Compare):
+    """1 where a == b to the last bit (0 and -0 are equal, nan to nothing), else 0."""
+
+    a: Block
+    b: Block
+
+    @staticmethod
+    def step(p, s, a, b):
+        return where(a == b, 1.0, 0.0), s
+
+
+@dc.dataclass(frozen=True, eq=False)
+class NotEqual(Compare):
+    """1 - (a == b)."""
+
+    a: Block
+    b: Block
+
+    @staticmethod
+    def step(p, s, a, b):
+        return where(a == b, 0.0, 1.0), s
 
 
 # Enabled subsystem ---------------------------------------------------------------------------------------------------

@@ -221,6 +221,8 @@ TABLE = [
     Entry("abs", "Abs", lambda x: abs(x), (ties,)),
     Entry("greater", "Greater", lambda x, y: x > y, (ties, ties)),
     Entry("at_least", "AtLeast", lambda x, y: x >= y, (ties, ties)),
+    Entry("equal", "Equal", lambda x, y: x == y, (ties, ties)),
+    Entry("not_equal", "NotEqual", lambda x, y: x != y, (ties, ties)),
     Entry("where", "Where", lambda x, y, z: b.where(x, y, z), (ties, normal, normal)),
     Entry("maximum", "Maximum", lambda x, y: b.maximum(x, y), (ties, ties)),
     Entry("minimum", "Minimum", lambda x, y: b.minimum(x, y), (ties, ties)),

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from ..graph import Abs, Add, AtLeast, Const, Div, Greater, Guard, Input, Mul, Neg, Param, Sub, signals
+from ..graph import Abs, Add, AtLeast, Const, Div, Equal, Greater, Guard, Input, Mul, Neg, NotEqual, Param, Sub, signals
 from ..lower import PARAMS, ROOT, Instance, Program, lower
 
 if TYPE_CHECKING:
@@ -35,7 +35,10 @@ LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13,
 INK, PALE = "#26323a", "#6b7a85"
 LIVE, SAMPLE = "#fff1c9", "#e3edf7"
 ENABLED = ("#d9ecd6", "#f3dcd7", "#e4dcf0", "#d3ebea", "#f1e3c6", "#e6e6d8")
-SIGNS = {Add: "+", Sub: "\u2212", Mul: "\u00d7", Div: "\u00f7", Neg: "\u2212", Abs: "| |", Greater: ">", AtLeast: "\u2265"}
+SIGNS = {
+    Add: "+", Sub: "\u2212", Mul: "\u00d7", Div: "\u00f7", Neg: "\u2212", Abs: "| |",
+    Greater: ">", AtLeast: "\u2265", Equal: "=", NotEqual: "\u2260",
+}  # fmt: skip
 
 
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:

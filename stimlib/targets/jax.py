@@ -18,7 +18,7 @@ import numpy as np
 
 from ..blocks.gate import Gate
 from ..errors import BadValue, SceneError, UnknownName
-from ..graph import AtLeast, Block, Const, Greater, Param
+from ..graph import Block, Compare, Const, Param
 from ..lower import PARAMS, ROOT, Program, check_memory, designs, lead, lower
 from ..processor import rate
 from ..rendering import warn_beyond
@@ -67,7 +67,7 @@ class Function:
         self._decisions = {
             f"gate {i}": i
             for i, q in enumerate(instances)
-            if q.clock == ROOT and (q.kind == "open" or isinstance(q.block, (Gate, Greater, AtLeast)))
+            if q.clock == ROOT and (q.kind == "open" or isinstance(q.block, (Gate, Compare)))
         }
         self.gates = tuple(self._decisions)
         self.units = {n: str(instances[i].block.dim) for g in (self.program.inputs, self.program.params) for n, i in g.items()}
