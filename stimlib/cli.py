@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import shlex
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ import typer
 from rich.console import Console
 
 from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName
+from .files import regular
 from .scene import Scene, load
 
 app = typer.Typer(
@@ -64,31 +66,46 @@ def scene_of(text: str) -> Scene:
         return _shipped(name, f"({words}" if words else "()")
     path, _, function = text.rpartition(":")
     if path.endswith(".py"):
-        if not Path(path).is_file():
-            raise SceneError(f"no file {path}")
-        spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-        assert spec and spec.loader
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module
-        spec.loader.exec_module(module)
-        if not callable(make := getattr(module, function, None)):
-            raise SceneError(f"{path} has no function {function!r}")
-        if not isinstance(scene := make(), Scene):
-            raise SceneError(f"{text} returns {type(scene).__name__}, not a Scene")
-        return scene
+        return _own(path, function)
     if text.endswith(".json"):
         return load(text)
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
 
 
+def _own(path: str, function: str) -> Scene:
+    """What a function in a file of the user's gives; where it raises, the error names their line."""
+    regular.read(path, "scene_bytes", SceneError)  # a regular file
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+        if not callable(make := getattr(module, function, None)):
+            raise SceneError(f"{path} has no function {function!r}")
+        scene = make()
+    except Exception as e:
+        at = [frame.lineno for frame in traceback.extract_tb(e.__traceback__) if frame.filename == spec.origin]
+        line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
+        if line is None and isinstance(e, StimlibError):
+            raise
+        what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
+        raise SceneError(f"{path}:{line or function}: {what}") from e
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
+    return scene
+
+
 def _shipped(name: str, words: str) -> Scene:
     """A shipped scene called with literal keyword arguments."""
     make = shipped()[name]
+    chosen: dict[Any, Any]
     try:
         call = ast.parse(name + words, mode="eval").body
         assert isinstance(call, ast.Call) and not call.args
-        chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords if k.arg}
-    except (SyntaxError, ValueError, AssertionError):
+        chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
+        assert None not in chosen
+    except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):  # as deep as the parser goes
         raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
     known = inspect.signature(make).parameters
     if wrong := set(chosen) - set(known):
@@ -126,15 +143,21 @@ def _say(what: str, text: Any) -> None:
 
 @contextmanager
 def _friendly() -> Iterator[None]:
-    """Errors of ours in one line, exit status 2; Ctrl-C quietly, exit status 130."""
+    """Errors of use in one line, exit status 2; Ctrl-C quietly, 130; what is a defect of stimlib with its traceback, 3."""
     try:
         yield
+    except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
+        raise
     except StimlibError as e:
         _say("[bold red]error:[/]", e)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         errors.print("stopped; nothing was left behind")
         raise typer.Exit(130) from None
+    except Exception as e:
+        errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
+        _say("[bold red]unexpected error:[/]", f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it")
+        raise typer.Exit(3) from None
 
 
 MOTION = typer.Option(

@@ -7,6 +7,7 @@ constants); all others are design numbers, which shape it once per sample rate i
 from __future__ import annotations
 
 import dataclasses as dc
+import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable
@@ -19,6 +20,7 @@ from . import units as un
 from .errors import BadValue, SceneError, StimlibError, UnitError
 from .maths import copy, where
 from .operators import Operators
+from .steps import place
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
@@ -70,12 +72,18 @@ class Block(Operators):
             raise TypeError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False)")
         for f in dc.fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
-            value = as_block(value) if f.name in signals(cls) else _design_value(self, f, value)
+            value = as_block(value) if f.name in signals(cls) else design_value(f"{cls.__name__}.{f.name}", f.type, value)
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
         object.__setattr__(self, "autonomous", not isinstance(self, Input) and all(c.autonomous for c in kids))
-        object.__setattr__(self, "dim", self.units(*(c.dim for c in kids)))
+        dim = self.units(*(c.dim for c in kids))
+        if not isinstance(dim, Unit):
+            raise SceneError(
+                f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a signal (u[0]), or one made by "
+                "stimlib.units.unit, such as unit('N')"
+            )
+        object.__setattr__(self, "dim", dim)
 
     autonomous: ClassVar[bool]  # no Input reaches it
     dim: ClassVar[Unit]  # unit of the output
@@ -161,17 +169,17 @@ def _float(v: Any, what: str) -> float:
 
 NUMBERS = (int, float, np.integer, np.floating)
 _KINDS = {
-    "float": (int, float),
-    "int": (int,),
-    "bool": (bool,),
-    "str": (str,),
-    "None": (type(None),),
-    "np.ndarray": (np.ndarray,),
+    "float": ((int, float), "a number"),
+    "int": ((int,), "a whole number"),
+    "bool": ((bool,), "True or False"),
+    "str": ((str,), "a text"),
+    "None": ((type(None),), "None"),
+    "np.ndarray": ((np.ndarray,), "a list of numbers"),
 }
 
 
-def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
-    where_ = f"{type(owner).__name__}.{f.name}"
+def design_value(where_: str, annotation: Any, v: Any) -> Any:
+    """A design number as its annotation says: finite floats, whole numbers, text, float64 arrays that nobody can change."""
     if isinstance(v, Block):
         raise BadValue(
             f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
@@ -192,10 +200,11 @@ def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
         v = v.item()
     if isinstance(v, float) and not math.isfinite(v):
         raise BadValue(f"{where_} = {v} is not finite")
-    words = [w.strip() for w in (f.type if isinstance(f.type, str) else getattr(f.type, "__name__", str(f.type))).split("|")]
-    kinds = [k for w in words for k in _KINDS.get(w, (object,))]
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    words = [w.strip() for w in text.split("|")]
+    kinds = [k for w in words for k in _KINDS.get(w, ((object,), ""))[0]]
     if not isinstance(v, tuple(kinds)) or (isinstance(v, bool) and bool not in kinds and object not in kinds):
-        raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(words)}")
+        raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(_KINDS[w][1] for w in words)}")
     if not isinstance(v, int) or isinstance(v, bool):
         return v
     if "float" in words and "int" not in words:
@@ -203,6 +212,13 @@ def _design_value(owner: Block, f: dc.Field, v: Any) -> Any:
     if abs(v) >= 2**64:
         raise BadValue(f"{where_} must be below 2**64")
     return v
+
+
+def check_arguments(make: Callable, values: dict[str, Any]) -> None:
+    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations say."""
+    for name, p in inspect.signature(make).parameters.items():
+        if p.annotation is not p.empty:
+            design_value(f"{make.__name__}: {name}", p.annotation, values[name])
 
 
 def positive(owner: Block, *names: str) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import steps
 from . import units as un
 from .bounds import limits
 from .errors import SceneError
@@ -88,7 +90,7 @@ class _Graph:
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
         """Number of a block over rewritten inputs: numbers folded, literal zeros and ones removed."""
         values = [self.value(k) for k in kids]
-        if isinstance(b, Map) and kids and None not in values:
+        if foldable(b) and kids and None not in values:
             with np.errstate(all="ignore"):
                 v = float(type(b).step((), (), *(np.float64(v) for v in values))[0])  # type: ignore[misc]
             if not math.isfinite(v):
@@ -112,6 +114,11 @@ def _numbers(b: Block) -> tuple[Any, ...]:
     return tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b)))  # type: ignore[arg-type]
 
 
+def foldable(b: Block) -> bool:
+    """Whether a block of numbers is a number at every sample rate: a map whose step needs no design."""
+    return isinstance(b, Map) and type(b).step is not None and type(b).design is Block.design
+
+
 def _key(v: Any) -> Any:
     return ("array", v.shape, v.tobytes()) if isinstance(v, np.ndarray) else repr(v)
 
@@ -123,17 +130,21 @@ def lower(outputs: dict[str, Block]) -> Program:
     ------
     SceneError
         Names used twice with different meaning; noise sources with one key, or one source on two clocks, unless
-        shared; numbers that fold to something non-finite.
+        shared; numbers that fold to something non-finite; more blocks than ``limits.scene_blocks``.
     """
     guards = [Guard(b) for b in outputs.values()]
     objects = reach(guards)
+    limits.check("scene_blocks", len(objects), "blocks of a scene", SceneError)
     _check_names(objects)
     _check_noise_objects(objects)
     graph = _Graph()
     number: dict[int, int] = {}
     for b in objects:
         number[id(b)] = graph.intern(b, tuple(number[id(c)] for c in b.children))
-    made, instances, parents = _layout(graph, [number[id(g)] for g in guards])
+    roots = [number[id(g)] for g in guards]
+    copies = _instances(graph, roots)
+    limits.check("scene_blocks", copies, "blocks of a scene after each `enabled` has got its own copies", SceneError)
+    made, instances, parents = _layout(graph, roots)
     merged = len(objects) - len({number[id(b)] for b in objects})
     removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
     noises: dict[str, int] = {}
@@ -157,6 +168,34 @@ def lower(outputs: dict[str, Block]) -> Program:
         removed,
         int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"),
     )
+
+
+def _instances(graph: _Graph, roots: list[int]) -> float:
+    """How many instances a layout would have, or more than a limit, without making them: gates in gates double them."""
+    nodes, reached, todo = graph.nodes, set(), list(roots)
+    while todo:
+        if (n := todo.pop()) not in reached:
+            reached.add(n)
+            todo += nodes[n].kids
+    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Enabled)})  # children come first
+    copy: dict[int, float] = {}  # instances on a clock that runs a block, and on all clocks below it
+    walked = 0
+    for tops in [*([n] for n in gated), roots]:
+        seen: set[int] = set()
+        size, todo = 0.0, list(tops)
+        while todo:
+            n = todo.pop()
+            b, kids = nodes[n]
+            if n in seen or isinstance(b, (Param, Const)):
+                continue
+            seen.add(n)
+            size += 2 + copy[kids[0]] if isinstance(b, Enabled) else 1
+            todo += kids[1:] if isinstance(b, Enabled) else kids
+        copy[tops[0]] = size
+        walked += len(seen)
+        if walked > limits.scene_blocks:  # every clock is there at least once
+            return walked
+    return size
 
 
 def _layout(graph: _Graph, roots: list[int]):
@@ -225,6 +264,36 @@ def _check_noise_objects(objects: list[Block]) -> None:
                 )
 
 
+def program_of(scene: Any) -> Program:
+    """The program of a scene; SceneError for anything else."""
+    outputs = getattr(scene, "outputs", None)
+    if not isinstance(outputs, dict):
+        raise SceneError(f'expected a Scene, such as Scene({{"force": force}}), got {type(scene).__name__}')
+    return lower(outputs)
+
+
+def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
+    """Parameters and state at rest of every instance at a sample rate (Hz).
+
+    SceneError where a block's author has erred; BadValue before more memory is taken than ``limits.state_bytes``.
+    """
+    used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
+    made = []
+    known: Callable[..., None] = steps.check_block
+    for q in program.instances:
+        cls = type(q.block)
+        p, s = ((), ())
+        if q.kind == "block":
+            pair = q.block.design(fs)
+            steps.check_design(cls, pair)
+            p, s = pair
+            known(cls, getattr(cls.tile or cls.step, "__code__", None), type(p), type(s))
+        used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
+        limits.check("state_bytes", used, f"bytes of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        made.append((p, s))
+    return made
+
+
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
     """Finite memory on a noise's path must fit into the lead, or the noise would start with a transient."""
     total = [0] * len(program.instances)
@@ -238,18 +307,6 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
                     f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more than the {lead(fs)} that run "
                     f"before sample 0 at fs = {fs:g} Hz; use lower orders or shorter delays"
                 )
-
-
-def designs(program: Program, fs: float) -> list[tuple[Any, Any]]:
-    """Parameters and states at rest of all instances; an error before more memory is taken than ``limits.state_bytes``."""
-    used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
-    design = []
-    for q in program.instances:
-        p, s = q.block.design(fs) if q.kind == "block" else ((), ())
-        used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
-        limits.check("state_bytes", used, f"bytes of the scene's states, parameters and buffers at fs = {fs:g} Hz")
-        design.append((p, s))
-    return design
 
 
 def first_states(program: Program, design: list[tuple[Any, Any]], seed: int) -> np.ndarray:

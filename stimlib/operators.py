@@ -51,21 +51,23 @@ class Operators:
     def __lt__(self, o): return graph.Greater(o, self)
     def __ge__(self, o): return graph.AtLeast(self, o)
     def __le__(self, o): return graph.AtLeast(o, self)
-    def __eq__(self, o): return graph.Equal(self, o)
-    def __ne__(self, o): return graph.NotEqual(self, o)
+    def __eq__(self, o: Any) -> Any: return graph.Equal(self, o)
+    def __ne__(self, o: Any) -> Any: return graph.NotEqual(self, o)
     # fmt: on
 
     __hash__ = object.__hash__  # keys of tables are the blocks themselves, whatever == means
 
     def __pow__(self, n: Any) -> Any:
         if not isinstance(n, graph.NUMBERS):
-            raise BadValue(f"({self!r}) ** {n!r}: the exponent must be a number; a ** b of two signals is exp(b * log(a)), a above 0")
+            raise BadValue(
+                f"({self!r}) ** {n!r}: the exponent must be a number; a ** b of signals, a above 0, is exp(b * log(a))"
+            )
         if n == 0.5:
             return _functions()["sqrt"](self)
         if n != n // 1 or abs(n) > LARGEST_POWER:
             raise BadValue(
-                f"({self!r}) ** {n:g}: the exponent must be 0.5 or a whole number from {-LARGEST_POWER} to {LARGEST_POWER}; other "
-                "powers of a signal above 0 without unit are exp(n * log(x))"
+                f"({self!r}) ** {n:g}: the exponent must be 0.5 or a whole number from {-LARGEST_POWER} to {LARGEST_POWER}; "
+                "other powers of a signal above 0 without unit are exp(n * log(x))"
             )
         if n < 0:
             return 1.0 / _power(self, -int(n))
@@ -76,7 +78,8 @@ class Operators:
 
     def __bool__(self):
         raise SceneError(
-            f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of if, and/or, max and min; {_LOGIC}"
+            f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of if, and/or, max and min; "
+            f"{_LOGIC}"
         )
 
     __mod__ = __rmod__ = _refused("%", _MODULO)
@@ -138,4 +141,6 @@ def _no_numpy(name: str) -> Any:
     )
 
 
-from . import graph  # noqa: E402  # it builds on this file
+from . import graph as _blocks  # noqa: E402  # it builds on this file
+
+graph: Any = _blocks

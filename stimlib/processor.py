@@ -11,7 +11,7 @@ import numpy as np
 
 from .errors import BadValue, SceneError, UnknownName
 from .graph import kind, pack
-from .lower import PARAMS, ROOT, Program, check_memory, designs, first_states, lead, lower
+from .lower import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
 
 if TYPE_CHECKING:
     from .targets.jax import Function
@@ -107,8 +107,8 @@ class Processor:
         if target not in TARGETS:
             raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
         self.scene, self.fs, self.target = scene, fs, target
-        self.program: Program = lower(scene.outputs)
-        self.design = designs(self.program, fs)
+        self.program: Program = program_of(scene)
+        self.design = design_of(self.program, fs)
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from .targets.numba import Engine

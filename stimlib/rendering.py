@@ -5,19 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Any
+from math import inf, isfinite
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import BadValue, UnknownName
+from .bounds import limits
+from .errors import BadValue, FaultError, UnknownName
+from .graph import NUMBERS
 from .processor import Processor
 from .scene import Scene
 
 Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
 """Input name to position: a function of time (array of s), or samples at fs."""
+FAULTS = ("warn", "raise", "ignore")
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
@@ -30,12 +33,14 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
 
 def frames_of(seconds: float, fs: float) -> int:
     """Whole samples of a duration; BadValue unless finite and at least one."""
+    if not isinstance(seconds, NUMBERS):
+        raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
     try:
-        frames = float(seconds) * float(fs)
-    except (TypeError, ValueError, OverflowError):
-        raise BadValue(f"seconds must be a number, got {seconds!r}") from None
+        frames = float(seconds) * fs
+    except OverflowError:
+        frames = inf
     if not isfinite(frames) or round(frames) < 1:
-        raise BadValue(f"seconds must be finite and at least one sample, got {seconds!r} at fs = {fs:g} Hz")
+        raise BadValue(f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs = {fs:g} Hz")
     return round(frames)
 
 
@@ -50,9 +55,12 @@ def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) 
         source = motion[name]
         if not callable(source):
             try:
-                source = np.asarray(source, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise BadValue(f"motion of {name} must be a function of time or an array of numbers") from None
+                source = np.asarray(source)
+            except (TypeError, ValueError):  # rows of several lengths
+                source = np.array("")
+            if source.dtype.kind not in "iuf":
+                raise BadValue(f"motion of {name} must be a function of time or an array of real numbers, got {source.dtype}")
+            source = source.astype(np.float64, copy=False)
             if source.ndim != 1 or len(source) < frames:
                 raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
         sources[name] = source
@@ -161,6 +169,7 @@ class Rendering:
     """Samples, shape (n_outputs, n), in the outputs' units."""
     outputs: tuple[str, ...]
     fault: tuple[str, int] | None = None
+    """Output and sample of the first value that was not finite."""
     motion: dict[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -174,7 +183,20 @@ class Rendering:
         return np.arange(self.y.shape[1]) / self.fs
 
     def __repr__(self):
-        return f"Rendering({', '.join(self.outputs)}: {self.y.shape[1] / self.fs:g} s at {self.fs:g} Hz)"
+        fault = "" if self.fault is None else ", FAULT: {} from sample {} on".format(*self.fault)
+        return f"Rendering({', '.join(self.outputs)}: {self.y.shape[1] / self.fs:g} s at {self.fs:g} Hz{fault})"
+
+    def _tell(self, on_fault: str) -> None:
+        if self.fault is None or on_fault == "ignore":
+            return
+        name, at = self.fault
+        text = (
+            f"output {name} was not finite at sample {at} ({at / self.fs:g} s): from there on it is not the scene's but a fade "
+            "to 0; look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
+        )
+        if on_fault == "raise":
+            raise FaultError(text)
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
 def render(
@@ -185,6 +207,7 @@ def render(
     params: Mapping[str, float] | None = None,
     seed: int = 0,
     target: str = "numba",
+    on_fault: Literal["warn", "raise", "ignore"] = "warn",
 ) -> Rendering:
     """Drive a scene with a motion and keep the samples.
 
@@ -202,6 +225,8 @@ def render(
     seed : int
         Key of all noise.
     target : {"numba", "python"}
+    on_fault : {"warn", "raise", "ignore"}
+        What happens where an output was not finite; ``Rendering.fault`` then names it.
 
     Returns
     -------
@@ -210,12 +235,15 @@ def render(
     Warns
     -----
     RuntimeWarning
-        The run is longer than the horizon of a springpot.
+        An output was not finite: from that sample on it fades out.  The run is longer than the horizon of a springpot.
 
     Raises
     ------
     BadValue, UnknownName
-        As ``compile``, ``stream`` and ``Processor.set``.
+        As ``compile``, ``stream`` and ``Processor.set``; more samples than ``stimlib.limits.render_bytes`` (``stream`` and
+        files have no such limit).
+    FaultError
+        An output was not finite, and ``on_fault`` is "raise".
 
     Examples
     --------
@@ -224,14 +252,19 @@ def render(
     >>> stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000, params={"k": 1000.0})["force"]
     array([ 0., 10.])
     """
+    if on_fault not in FAULTS:
+        raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)
+    limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
     warn_beyond(proc, frames)
     y = np.empty((len(proc.outputs), frames))
     at = 0
     for part in pull(proc, sources, frames, 8192):
         y[:, at : at + part.shape[1]] = part
         at += part.shape[1]
-    return Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))
+    made = Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))
+    made._tell(on_fault)
+    return made

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import SceneError, UnknownName
-from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub
+from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub, pack, unpack
 from .lower import Program
 
 if TYPE_CHECKING:
@@ -59,8 +59,10 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
             value[i] = b.value
         elif isinstance(b, Param):
             value[i] = proc.params[b.name]
-        elif isinstance(b, Map) and q.args and all(a in value for a in q.args):
-            value[i] = float(type(b).step((), (), *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
+        elif isinstance(b, Map) and type(b).step is not None and q.args and all(a in value for a in q.args):
+            p, s = (unpack(t, pack(t)) for t in design[i])  # numpy's numbers: a division by 0 is inf
+            with np.errstate(all="ignore"):
+                value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")

@@ -8,13 +8,14 @@ import importlib
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .bounds import limits
 from .errors import SceneError, SceneFileError, StimlibError
-from .graph import Block, Input, Param, as_block, reach, registry, signals, type_name
+from .files import regular
+from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
 from .lower import lower
 
 VERSION = 1
@@ -45,8 +46,7 @@ class Scene:
         if not isinstance(outputs, Mapping) or not outputs:
             raise SceneError('a scene needs named outputs, such as Scene({"force": force})')
         for name in outputs:
-            if not isinstance(name, str) or not name.replace("_", "a").isalnum():
-                raise SceneError(f"output name {name!r} must be letters, digits and underscores")
+            check_name("output", name, SceneError)
         self.law = law
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         lower(self.outputs)  # finds what is wrong with the graph now, where it was written
@@ -96,19 +96,20 @@ class Scene:
             raise SceneFileError(f"{where}: not a stimlib scene")
         version = data["stimlib_scene"]
         if version != VERSION:
-            raise SceneFileError(f"{where}: file version {version}, this stimlib reads {VERSION}: update stimlib")
+            raise SceneFileError(f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
         importlib.import_module("stimlib.blocks")  # registers ours
 
         made: list[Block] = []
 
         def ref(v: Any, what: str) -> Block:
             if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < len(made):
-                raise SceneFileError(f"{where}: {what} refers to {v!r}, which is not an earlier block")
+                raise SceneFileError(f"{where}: {what} refers to {v!r:.40}, which is not an earlier block")
             return made[v]
 
         entries, outputs = data.get("blocks"), data.get("outputs")
         if not isinstance(entries, list) or not isinstance(outputs, dict):
             raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
+        limits.check("scene_blocks", len(entries), f"{where}: blocks", SceneFileError)
         for i, entry in enumerate(entries):
             if (
                 not isinstance(entry, dict)
@@ -166,14 +167,7 @@ class Scene:
         >>> load(path)
         Scene(x [1] -> y [1])
         """
-        path = Path(path)
-        part = path.with_name(path.name + ".part")
-        try:
-            part.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
-            os.replace(part, path)
-        except OSError as e:
-            part.unlink(missing_ok=True) if part.parent.is_dir() else None
-            raise SceneFileError(f"cannot write {path}: {e.strerror}") from e
+        regular.publish(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", SceneFileError)
 
 
 def load(path: str | os.PathLike) -> Scene:
@@ -190,16 +184,17 @@ def load(path: str | os.PathLike) -> Scene:
     Raises
     ------
     SceneFileError
-        Missing, damaged or newer file; a block class that is not imported.
+        Missing, damaged or newer file; a block class that is not imported; more bytes or blocks than
+        ``stimlib.limits.scene_bytes`` and ``scene_blocks``.
 
     Examples
     --------
     See ``Scene.save``.
     """
+    text = regular.read(path, "scene_bytes", SceneFileError)
+    limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)  # reading them would take long
     try:
-        data = json.loads(Path(path).read_text(), parse_constant=_no_constant)
-    except OSError as e:
-        raise SceneFileError(f"cannot read {path}: {e.strerror}") from e
+        data = json.loads(text.decode(), parse_constant=_no_constant)
     except (ValueError, RecursionError) as e:
         raise SceneFileError(f"{path}: not JSON ({e})") from e
     return Scene.from_dict(data, str(path))

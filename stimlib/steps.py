@@ -41,6 +41,12 @@ _BUILTIN = {"abs": abs, "range": range}
 
 def source(f: Callable) -> str:
     """Text of a function, dedented and without decorators; SceneError where Python has kept none."""
+    return _source(f, f.__code__)[0]
+
+
+@cache
+def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
+    """Text of a function, and lines of its file before it."""
     try:
         text = textwrap.dedent(inspect.getsource(f))
     except (OSError, TypeError) as e:
@@ -49,15 +55,10 @@ def source(f: Callable) -> str:
             "not in a string given to exec or python -c"
         ) from None
     lines = text.splitlines()
-    first = _first_line(lines)
+    first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)  # after the decorators
     if first is None:
         raise SceneError(f"{f.__qualname__}: write it with def, its text starts with {lines[0]!r}")
-    return "\n".join(lines[first:]) + "\n"
-
-
-def _first_line(lines: list[str]) -> int | None:
-    """Index of the line with def, after the decorators."""
-    return next((k for k, line in enumerate(lines) if line.startswith("def ")), None)
+    return "\n".join(lines[first:]) + "\n", code.co_firstlineno - 1 + first
 
 
 def used(code: types.CodeType) -> Iterator[str]:
@@ -104,9 +105,7 @@ def _check(f: Callable, code: types.CodeType, tile: bool) -> None:  # the code t
 
 
 def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Callable, ...]) -> None:
-    text = source(f)
-    lines = textwrap.dedent(inspect.getsource(f)).splitlines()
-    offset = code.co_firstlineno - 1 + (_first_line(lines) or 0)
+    text, offset = _source(f, code)
 
     def refuse(node, why):
         raise SceneError(f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}")
@@ -131,6 +130,9 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
             else:
                 target = None
             if not _callable_in_step(target):
+                if ast.unparse(g).startswith("stimlib."):
+                    short = ast.unparse(g).split(".", 1)[1]
+                    refuse(node, f"{ast.unparse(g)}: write `from stimlib import maths` above the class, and {short} here")
                 refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.maths, abs, range and helpers like itself")
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
                 if target in (f, *above):
@@ -138,6 +140,101 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
                 _check_all(target, target.__code__, False, (f, *above))
         if not isinstance(node, (ast.Module, *_ALLOWED)):
             refuse(node, f"{type(node).__name__} is not straight-line code")
+
+
+# A whole block ---------------------------------------------------------------------------------------------------------
+def place(f: Any) -> str:
+    """File and line of a function, as an error begins."""
+    code = getattr(f, "__code__", None)
+    return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
+
+
+def check_design(cls: type, made: Any) -> None:
+    """Raise SceneError unless ``design`` gave parameters and state that every target can keep in flat memory."""
+    pair = made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
+    for what, t in zip(("parameters", "state"), pair, strict=False):
+        if not isinstance(t, tuple) or (t and not hasattr(t, "_fields")):
+            break
+        for name, v in zip(getattr(t, "_fields", ()), t, strict=True):
+            array = isinstance(v, np.ndarray)
+            if not (v.ndim == 1 and v.dtype.kind in "iuf" if array else isinstance(v, (int, float, np.number))):
+                kind = f"{type(v).__name__}{f' {v.shape} of {v.dtype}' if array else ''}"
+                raise SceneError(
+                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind}; floats, np.uint64 and "  # type: ignore[attr-defined]
+                    "arrays of them with one dimension are possible"
+                )
+    else:
+        if pair:
+            return
+    raise SceneError(
+        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two NamedTuples (or () where there is "  # type: ignore[attr-defined]
+        f"nothing to keep), and returned {made!r:.200}"
+    )
+
+
+@cache
+def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: type) -> None:
+    """Raise SceneError, with file and line, where a step does not fit its class, or what ``design`` returns.
+
+    code is that of the step: a notebook may change it in place.
+    """
+    name = "tile" if cls.tile is not None else "step"  # type: ignore[attr-defined]
+    f = getattr(cls, name)
+    if f is None:
+        raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(_signals(cls))})")
+    wanted = ["p", "s", *_signals(cls), *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
+
+    def refuse(line: int, why: str) -> None:
+        raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
+
+    given = [p.name for p in inspect.signature(f).parameters.values()]
+    first = f.__code__.co_firstlineno
+    if not isinstance(inspect.getattr_static(cls, name), staticmethod):
+        refuse(first, f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})")
+    if len(given) != len(wanted):
+        refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
+    try:
+        text, offset = _source(f, f.__code__)
+    except SceneError:  # the interpreter needs no text; a compiler says so itself
+        return
+    body = ast.parse(text).body[0]
+    stored = {n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    for node in ast.walk(body):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id not in stored:
+            for who, what, t in ((given[0], "parameters", p_type), (given[1], "state", s_type)):
+                fields = getattr(t, "_fields", ())
+                if node.value.id == who and node.attr not in fields:
+                    there = f"design gives the {what} {', '.join(fields)}" if fields else f"design gives no {what}"
+                    refuse(node.lineno + offset, f"{who}.{node.attr} is not there: {there}")
+    new = f"the new state {getattr(s_type, '__name__', '')}(..)" if hasattr(s_type, "_fields") else given[1]
+    ends: list[Any] = [n for n in ast.walk(body) if isinstance(n, ast.Return)]
+    for end in ends or [body]:
+        v = end.value if isinstance(end, ast.Return) else None
+        if isinstance(v, ast.Call) and not isinstance(_called(v.func, f), (type, types.BuiltinFunctionType)):
+            continue  # a helper that may give both
+        if name == "step" and not (isinstance(v, ast.Tuple) and len(v.elts) == 2 and not _empty(v.elts[1], s_type)):
+            refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, the sample and {new}")
+        if name == "tile" and (v is None or _empty(v, s_type)):
+            refuse(getattr(end, "lineno", 1) + offset, f"it must fill y and return {new}")
+
+
+def _signals(cls: type) -> tuple[str, ...]:
+    from .graph import signals
+
+    return signals(cls)
+
+
+def _called(g: ast.expr, f: Callable) -> Any:
+    """What a call in a function calls, or None: a helper of stimlib.maths counts as a built-in, it gives one number."""
+    known = f.__globals__
+    target = getattr(known.get(g.value.id), g.attr, None) if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name) else \
+        known.get(g.id) if isinstance(g, ast.Name) else None  # fmt: skip
+    return abs if getattr(target, "__module__", "") == maths.__name__ else target
+
+
+def _empty(v: ast.expr, s_type: type) -> bool:
+    """Whether a state with fields would be lost."""
+    return hasattr(s_type, "_fields") and isinstance(v, (ast.Tuple, ast.Constant))
 
 
 def _callable_in_step(v: Any) -> bool:

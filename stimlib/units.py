@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache, lru_cache
-from tokenize import TokenError
 
 from .errors import UnitError
 
@@ -36,9 +36,11 @@ class Unit:
         return hash(self.powers)
 
     def __mul__(self, other: Unit) -> Unit:
+        _is_unit(other)
         return _combine(self, other, 1.0)
 
     def __truediv__(self, other: Unit) -> Unit:
+        _is_unit(other)
         return _combine(self, other, -1.0)
 
     def __pow__(self, n: float) -> Unit:
@@ -49,6 +51,11 @@ class Unit:
 
     def __repr__(self) -> str:
         return f"unit({str(self)!r})"
+
+
+def _is_unit(v: object) -> None:
+    if not isinstance(v, Unit):
+        raise UnitError(f"{v!r} is not a unit: write unit({str(v)!r}), from stimlib.units")
 
 
 ONE = Unit(())
@@ -77,7 +84,6 @@ def _registry():
     return pint.UnitRegistry()
 
 
-@cache
 def unit(text: str) -> Unit:
     """Parse the name of a coherent SI unit.
 
@@ -101,21 +107,27 @@ def unit(text: str) -> Unit:
     >>> unit("N*s/m") == unit("kg/s")
     True
     """
-    if text in ("", "1"):
-        return ONE
+    if not isinstance(text, str):
+        raise UnitError(f"a unit is a text such as 'N/m', got {type(text).__name__} {text!r:.40}")
+    return ONE if text in ("", "1") else _parsed(text)
+
+
+@cache
+def _parsed(text: str) -> Unit:
     if len(text) > 100 or _HUGE.search(text) or len(_OF_GROUP.findall(text)) > 1:
         raise UnitError(f"unit {text[:40]!r} is not a product of SI names with small powers, such as 'N*s/m' or 'm**2'")
-    import pint
-
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
-    except (pint.errors.PintError, TypeError, ValueError, AttributeError, SyntaxError, AssertionError, TokenError) as e:
+        factor = float(base.magnitude)
+        powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
+    except Exception as e:  # pint computes the text as a formula: any error may come, a division by 0 too
         raise UnitError(f"unknown unit {text!r}: use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
-    powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
-    if abs(base.magnitude - 1.0) > 1e-12:
+    if not math.isfinite(factor) or any(not math.isfinite(p) for _, p in powers):
+        raise UnitError(f"unit {text!r} is not a finite product of SI names")
+    if abs(factor - 1.0) > 1e-12:
         plain = Unit(powers)
         raise UnitError(
-            f"unit {text!r} is {base.magnitude:g} {plain}: inside stimlib everything is coherent SI without prefixes; "
-            f"use {str(plain)!r} and multiply your numbers by {base.magnitude:g}"
+            f"unit {text!r} is {factor:g} {plain}: inside stimlib everything is coherent SI without prefixes; "
+            f"use {str(plain)!r} and multiply your numbers by {factor:g}"
         )
     return Unit(powers)

@@ -80,7 +80,7 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
         (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds must be finite"),
         (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
         (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "has no function 'nothing'"),
-        (["render", "missing.py:f"], "no file missing.py"),
+        (["render", "missing.py:f"], "cannot read missing.py: No such file"),
         (["render", "missing.json"], "cannot read missing.json"),
     ],
 )

@@ -49,7 +49,8 @@ def test_every_class_has_a_lowering_or_a_step_of_numbers():
 
 
 EDGES = {  # whose output jumps where an input passes a place: the derivative is that of the parts in between
-    "greater", "at_least", "equal", "not_equal", "where", "nonzero", "gate", "loading", "bump_point", "bump_point_sine", "lut_two", "enabled",
+    "greater", "at_least", "equal", "not_equal", "where", "nonzero", "gate", "loading", "bump_point", "bump_point_sine",
+    "lut_two", "enabled",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from ..blocks.carrier import bump, carrier
 from ..blocks.equalise import equalize, within
 from ..blocks.maps import nonzero
 from ..errors import BadValue
-from ..graph import Input, Param, constant
+from ..graph import Input, Param, check_arguments, constant
 from ..scene import Scene
 
 
@@ -83,8 +83,9 @@ def bumps(
     >>> bumps("sine", bumps=18, duty=0.2, amplitude=7.5, contact=True)
     Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
     """
+    check_arguments(globals()["bumps"], locals())  # bumps is their number here
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
-        if isinstance(value, str) or not value > 0:
+        if not value > 0:
             raise BadValue(f"bumps: {name} = {value!r} must be above 0")
     x, A = Input("x", "m"), Param("A", amplitude, "V")
     on = Input("contact") * nonzero(A) if contact else nonzero(A)

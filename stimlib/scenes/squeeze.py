@@ -1,7 +1,10 @@
 """Multimodal squeezing of a virtual object: paper 000 (UGrip), sections 1.1 and 2.1, for thumb and index finger."""
 
+from __future__ import annotations
+
 from math import pi
 
+from .. import bounds
 from ..blocks import (
     constant,
     differentiator,
@@ -15,7 +18,7 @@ from ..blocks import (
     static_limit,
     velocity,
 )
-from ..graph import Input, Param
+from ..graph import Input, Param, check_arguments
 from ..scene import Scene
 
 
@@ -82,6 +85,8 @@ def squeeze(
     >>> squeeze(fingers=1)
     Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
     """
+    check_arguments(squeeze, locals())
+    bounds.limits.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period
     touching = Input("contact") if contact else 1.0

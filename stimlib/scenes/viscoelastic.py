@@ -1,9 +1,11 @@
 """Viscoelastic materials along the spectrum from spring to dashpot: paper 001, chapters 3 and 4."""
 
+from __future__ import annotations
+
 from math import pi
 
 from ..blocks import equal_force, springpot
-from ..graph import Input, Param
+from ..graph import Input, Param, check_arguments
 from ..scene import Scene
 
 REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -55,6 +57,7 @@ def viscoelastic(
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
     """
+    check_arguments(viscoelastic, locals())
     y = Input("y", "m")
     chi = equal_force(chi_0, 0.0, alpha, w)
     touching = Input("contact") if contact else None

@@ -19,7 +19,7 @@ import numpy as np
 from ..blocks.gate import Gate
 from ..errors import BadValue, SceneError, UnknownName
 from ..graph import Block, Compare, Const, Param
-from ..lower import PARAMS, ROOT, Program, check_memory, designs, lead, lower
+from ..lower import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
 from ..processor import rate
 from ..rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
@@ -55,8 +55,8 @@ class Function:
             raise BadValue(f"surrogate = {surrogate!r} must be a number above 0, or None for gates whose derivative is 0")
         self.scene, self.fs, self.dtype, self.surrogate = scene, rate(fs), dtype, surrogate
         self.seed = int(_key("seed", seed))
-        self.program: Program = lower(scene.outputs)
-        self.design = designs(self.program, self.fs)
+        self.program: Program = program_of(scene)
+        self.design = design_of(self.program, self.fs)
         check_memory(self.program, self.design, self.fs)
         instances = self.program.instances
         for q in instances:
