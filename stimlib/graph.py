@@ -198,6 +198,8 @@ def design_value(where_: str, annotation: Any, v: Any) -> Any:
             raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(v)))}] is not finite")
     elif isinstance(v, np.generic):
         v = v.item()
+    if isinstance(v, str) and len(v) > 200:
+        raise BadValue(f"{where_} = {v[:40]!r}.. has {len(v)} letters; at most 200 are possible")
     if isinstance(v, float) and not math.isfinite(v):
         raise BadValue(f"{where_} = {v} is not finite")
     text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))

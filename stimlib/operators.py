@@ -60,13 +60,13 @@ class Operators:
     def __pow__(self, n: Any) -> Any:
         if not isinstance(n, graph.NUMBERS):
             raise BadValue(
-                f"({self!r}) ** {n!r}: the exponent must be a number; a ** b of signals, a above 0, is exp(b * log(a))"
+                f"({self!r}) ** {n!r:.80}: the exponent must be a number; a ** b of signals, a above 0, is exp(b * log(a))"
             )
         if n == 0.5:
             return _functions()["sqrt"](self)
         if n != n // 1 or abs(n) > LARGEST_POWER:
             raise BadValue(
-                f"({self!r}) ** {n:g}: the exponent must be 0.5 or a whole number from {-LARGEST_POWER} to {LARGEST_POWER}; "
+                f"({self!r}) ** {n!s:.40}: the exponent must be 0.5 or a whole number from {-LARGEST_POWER} to {LARGEST_POWER}; "
                 "other powers of a signal above 0 without unit are exp(n * log(x))"
             )
         if n < 0:

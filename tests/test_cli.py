@@ -1,10 +1,13 @@
 """The command line as a person uses it: real files, real processes."""
 
+import ast
+import inspect
 import json
 import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 
 import numpy as np
@@ -92,6 +95,156 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
     assert says in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.output
     assert [p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"] == []
+
+
+# What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
+FAILING = """
+import stimlib
+from stimlib import Input, Scene
+from math import sin
+
+
+def units():
+    return Scene({"y": Input("x", "m") + 1.0})
+
+
+def name():
+    return Scene({"y": nothing})
+
+
+def deep():
+    return [inner() for _ in range(2)][0]
+
+
+def inner():
+    return [1.0][5]
+
+
+def wants(a):
+    return a
+
+
+def number_of_a_block():
+    return Scene({"y": sin(Input("x"))})
+
+
+class Odd(Scene):
+    @property
+    def inputs(self):
+        return {}[3]
+
+
+def odd():
+    return Odd({"y": Input("x")})
+"""
+
+
+@pytest.mark.parametrize(
+    ("function", "line", "says"),
+    [
+        ("units", 8, "cannot add [m]"), ("name", 12, "NameError: name 'nothing' is not defined"),
+        ("deep", 20, "IndexError: list index out of range"), 
+        ("number_of_a_block", 28, "float of Input('x'): a block is a signal"),
+        ("wants", None, "TypeError: wants() missing 1 required positional argument: 'a'"),
+    ],
+)  # fmt: skip
+def test_an_error_in_own_code_names_its_line(tmp_path, function, line, says):
+    path = tmp_path / "own.py"
+    path.write_text(FAILING)
+    done = run.invoke(app, ["show", f"{path}:{function}"])
+    assert done.exit_code == 2 and "Traceback" not in done.output
+    assert f"{path}:{line or function}: " in done.stderr and says in done.stderr
+
+
+@pytest.mark.parametrize("text", ["def f(:\n", "import nothing_of_that_name\n", "1 / 0\n", "\0"])
+def test_own_code_that_is_no_code(tmp_path, text):
+    (tmp_path / "own.py").write_text(text)
+    done = run.invoke(app, ["show", f"{tmp_path / 'own.py'}:f"])
+    assert done.exit_code == 2 and f"{tmp_path / 'own.py'}:" in done.stderr and "Traceback" not in done.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["render", "--out", "a.wav"], ["play", "--full-scale", "1"], ["loopback", "--full-scale", "1"], ["verify", "--wav", "a.wav"],
+     ["show"]],
+)  # fmt: skip
+def test_a_defect_ends_with_its_traceback_and_status_3(tmp_path, monkeypatch, words):
+    """Status 1 says that a check failed, and must say nothing else; here a scene breaks what stimlib relies on."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(FAILING)
+    done = run.invoke(app, [words[0], "own.py:odd", *words[1:], *(["--motion", "minimum_jerk()"] if words[0] != "show" else [])])
+    assert done.exit_code == 3, done.output
+    said = done.stderr.replace("\n", " ")
+    assert "unexpected error: KeyError: 3; this is a defect of stimlib, please report it" in said and "Traceback" in said
+    assert not (tmp_path / "a.wav").exists()
+
+
+def test_every_command_ends_so():
+    """A command's body is one `with _friendly()`, after which nothing but the exit status of its result is decided."""
+    for command in app.registered_commands:
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(command.callback))).body
+        first, *others = definition.body[1:]
+        assert isinstance(first, ast.With) and ast.unparse(first.items[0].context_expr) == "_friendly()", definition.name
+        assert [ast.unparse(other) for other in others] in (
+            [], ["if not result.passed:\n    raise typer.Exit(1)"], ["if not result.matches:\n    raise typer.Exit(1)"]
+        )  # fmt: skip
+
+
+def test_a_reader_that_goes_away_is_no_defect(tmp_path):
+    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
+        job.stdout.close()
+        said = job.stderr.read()
+    assert job.wait() == 1 and "defect" not in said and "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        ("squeeze(fingers='a')", "squeeze: fingers = 'a' must be a whole number"), ("squeeze(fingers=None)", "a whole number"),
+        ("squeeze(fingers=10000000)", "limits.scene_blocks"), ("squeeze(fingers=1.5)", "a whole number"), ("squeeze(k=[1])", "k"),
+        ("squeeze(k=1e999)", "not finite"), ("squeeze(contact=1)", "True or False"), ("squeeze(**{'k': 1})", "name=number"),
+        ("squeeze(seed=" + "9" * 400 + ")", "seed"), ("squeeze(k=" + "9" * 400 + ")", "beyond what a float can hold"),
+        ("bumps(waveform=3)", "bumps: waveform = 3 must be a text or"), ("bumps(bumps='a')", "a number"), ("bumps(rectify=1)", "a text"),
+        ("viscoelastic(alpha='a')", "a number"), ("viscoelastic(scheme=None)", "a text"), ("squeeze(k={[]: 1})", "name=number"),
+        ("squeeze(k=" + "(" * 5000 + ")", "name=number"), ("squeeze(\0)", "name=number"), ("x" * 5000 + ".json", "cannot read"),
+        ("x" * 5000 + ".py:f", "cannot read"), ("a\0.json", "cannot read"), ("a\0.py:f", "cannot read"),
+    ],
+)  # fmt: skip
+def test_odd_scenes_get_one_line(scene, says):
+    done = run.invoke(app, ["show", scene])
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+
+
+@pytest.mark.parametrize("make", [stimlib.scenes.squeeze, stimlib.scenes.bumps, stimlib.scenes.viscoelastic])
+def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
+    odd = [
+        None,
+        True,
+        "a",
+        "",
+        -1,
+        0,
+        0.5,
+        1e308,
+        10**400,
+        [1],
+        [],
+        [[1]],
+        {},
+        {"a": 1},
+        b"x",
+        1j,
+        (1, 2),
+        2**70,
+        np.nan,
+        object(),
+    ]
+    for name in inspect.signature(make).parameters:
+        for value in odd:
+            try:
+                assert make(**{name: value}).outputs
+            except stimlib.StimlibError as e:
+                assert str(e)
 
 
 def test_show_prints_the_plan_draws_and_saves(tmp_path):

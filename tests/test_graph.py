@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
@@ -74,6 +76,41 @@ def test_prefixes_and_unknown_units_say_what_to_use(text, words):
     with pytest.raises(UnitError) as e:
         Input("x", text)
     assert all(w in str(e.value) for w in [*words, repr(text)])
+
+
+@pytest.mark.parametrize(
+    "text", ["m/0", "1/0", "m**-(1/0)", "nan*m", "inf", "(-1)**0.5", "degC", "dB", "m+", "\0", "\ud800", "%"]
+)
+def test_odd_units(text):
+    with pytest.raises(UnitError) as e:
+        unit(text)
+    assert str(e.value).isprintable()
+
+
+@pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning")
+@settings(max_examples=400)
+@given(
+    st.one_of(
+        st.text(max_size=30),
+        st.lists(st.sampled_from('m s N kg / * ** ( ) 0 1 2 .5 - + mm nan inf e % ^ _ [ ] " , = if'.split()), max_size=9).map(
+            " ".join
+        ),
+        st.lists(st.sampled_from(["m", "s", "N", "/", "*", "**", "^", "(", ")", "0", "1", "-"]), max_size=9).map("".join),
+    )
+)
+def test_any_text_is_a_unit_or_an_error_of_ours(text):
+    try:
+        assert unit(str(unit(text))) == unit(text)
+    except UnitError:
+        pass
+
+
+@pytest.mark.parametrize("text", [None, 3, ["m"], {"m": 1}, unit])
+def test_a_unit_is_a_text(text):
+    with pytest.raises(UnitError, match="a unit is a text"):
+        unit(text)
+    with pytest.raises(BadValue):
+        Input("q", text)
 
 
 def test_transcendental_functions_want_no_unit():

@@ -1,13 +1,18 @@
 """Rewriting: what is removed or merged, that it changes no sample, and that the plan says so."""
 
+import sys
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 import pytest
+from contract import TABLE
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import Input, Param, Scene, blocks, bounds, constant
 from stimlib.errors import SceneError
-from stimlib.graph import Add, Const, Enabled, Mul
+from stimlib.graph import Add, Block, Const, Enabled, Guard, Map, Mul, reach
 from stimlib.lower import lead, lower
 
 x = Input("x")
@@ -178,3 +183,89 @@ def test_merging_makes_no_difference_to_the_samples():
     two = stimlib.compile(Scene({"y": 2.0 * part()}), 1000).process(u)
     assert_same(one, two)
     assert sum(isinstance(q.block, Enabled) for q in lower(merged.outputs).instances) == 0
+
+
+# Copies of what is gated -----------------------------------------------------------------------------------------------
+def nested(levels):
+    """Each gate runs, and is opened by, all that is inside it: every level doubles the copies."""
+    block = Param("p", 1.0) + 2.0
+    for _ in range(levels):
+        block = blocks.enabled(block, by=block)
+    return block
+
+
+@pytest.mark.parametrize("levels", [16, 18, 64, 5000])
+def test_copies_behind_gates_are_counted_before_they_are_made(levels):
+    """Levels of gates over one block: 2**levels copies, each with a state of its own, so only their number can be held."""
+    block = nested(levels)
+    before = sys.getrecursionlimit()
+    with pytest.raises(SceneError, match="after each `enabled` has got its own copies: .* more than limits.scene_blocks"):
+        Scene({"y": block})
+    assert sys.getrecursionlimit() == before
+    assert len(lower({"y": nested(6)}).instances) == 3 * 2**6 + 1
+
+
+@pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
+def test_the_count_of_copies_is_exact(entry, monkeypatch):
+    """A scene passes a limit of as many blocks as it has, live numbers and constants apart, and not one fewer."""
+    outputs = entry.scene().outputs
+    program = lower(outputs)
+    copies = sum(not isinstance(q.block, (Param, Const)) for q in program.instances)
+    monkeypatch.setattr(bounds.limits, "scene_blocks", max(copies, len(reach([Guard(b) for b in outputs.values()]))))
+    assert lower(outputs).hash == program.hash
+    monkeypatch.setattr(bounds.limits, "scene_blocks", copies - 0.5)
+    with pytest.raises(SceneError, match="more than limits.scene_blocks"):
+        lower(outputs)
+
+
+# Maps that need the sample rate ------------------------------------------------------------------------------------------
+class RateParams(NamedTuple):
+    fs: float
+
+
+@dataclass(frozen=True, eq=False)
+class PerSample(Map):
+    """x / fs: a map, and no number before the sample rate is known."""
+
+    x: Block
+
+    def design(self, fs):
+        return RateParams(fs), ()
+
+    @staticmethod
+    def step(p, s, x):
+        return x / p.fs, s
+
+
+@dataclass(frozen=True, eq=False)
+class Tiled(Map):
+    """x + 1, as a tile."""
+
+    x: Block
+
+    @staticmethod
+    def tile(p, s, x, y):
+        for i in range(x.size):
+            y[i] = x[i] + 1.0
+        return s
+
+
+@pytest.mark.parametrize("fs", [1000.0, 4000.0])
+def test_a_map_with_a_design_takes_constants(fs):
+    k = Param("k", 3.0)
+    outputs = {"n": PerSample(constant(2.0)), "p": PerSample(k), "x": PerSample(constant(2.0)) * x, "y": PerSample(k) * x}
+    u = np.array([[1.0, -4.0]])
+    wanted = np.array([[2, 2], [3, 3], [2, -8], [3, -12]]) / fs
+    for target in ("numba", "python"):
+        proc = stimlib.compile(Scene(outputs), fs, target)
+        np.testing.assert_array_equal(proc.process(u), wanted)
+        np.testing.assert_array_equal(proc.response("x", "x", np.array([10.0])), 2 / fs)
+        np.testing.assert_array_equal(proc.response("y", "x", np.array([10.0])), 3 / fs)
+    signals = stimlib.compile(Scene(outputs), fs, "jax")(motion={"x": u[0]})
+    np.testing.assert_allclose([signals[name] for name in outputs], wanted, rtol=1e-15)
+
+
+def test_a_map_with_a_tile_takes_constants():
+    for target in ("numba", "python"):
+        proc = stimlib.compile(Scene({"y": Tiled(constant(2.0)) * x}), 1000, target)
+        np.testing.assert_array_equal(proc.process(np.ones((1, 3))), 3.0)

@@ -1,6 +1,8 @@
 """Scene files: what comes back is what was saved, and a file can do nothing but describe a scene."""
 
 import json
+import os
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +12,8 @@ from laws import assert_same, rows
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, load
-from stimlib.errors import SceneError, SceneFileError
-from stimlib.graph import Block, registry
+from stimlib.errors import BadValue, SceneError, SceneFileError, StimlibError
+from stimlib.graph import Block, reach, registry
 
 x = Input("x")
 
@@ -226,3 +228,123 @@ def test_loading_executes_nothing(edited, tmp_path):
 def test_a_law_travels_with_the_scene(tmp_path):
     stimlib.scenes.squeeze(fingers=1).save(tmp_path / "s.json")
     assert load(tmp_path / "s.json").law == "squeeze"
+
+
+# Files of others -------------------------------------------------------------------------------------------------------
+def chain(length):
+    """A scene file's data: so many negations in a row."""
+    negs = [{"class": "Neg", "fields": {"x": i}} for i in range(length - 1)]
+    return {"blocks": [{"class": "Input", "fields": {"name": "x", "unit": ""}}, *negs], "outputs": {"y": length - 1}}
+
+
+def write(path, data):
+    path.write_text(json.dumps({"stimlib_scene": 1, "law": None, **data}))
+    return path
+
+
+def test_gates_in_gates_are_refused_quickly(tmp_path):
+    """Eighteen levels, 1.5 kB: they took half a minute and 862 MiB."""
+    data = {"blocks": [{"class": "Param", "fields": {"name": "p", "value": 1.0, "unit": ""}}], "outputs": {"y": 19}}
+    data["blocks"].append({"class": "Neg", "fields": {"x": 0}})
+    data["blocks"] += [{"class": "Enabled", "fields": {"block": i, "by": i}} for i in range(1, 19)]
+    before = time.process_time()
+    with pytest.raises(SceneError, match="copies: 786431 is more than limits.scene_blocks = 100000"):
+        load(write(tmp_path / "s.json", data))
+    took = time.process_time() - before
+    stimlib.scenes.squeeze()
+    before = time.process_time()
+    for _ in range(50):
+        stimlib.scenes.squeeze()
+    assert took < 10 * (time.process_time() - before), "work of the order of a few scenes"
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_million_blocks_are_refused_before_they_are_read(tmp_path, hidden):
+    word, blocks = ("cl\\u0061ss", 100_001) if hidden else ("class", 1_000_000)  # the same word in other letters
+    path = tmp_path / "s.json"
+    many = f'{{"{word}":"Neg","fields":{{"x":0}}}},' * blocks
+    path.write_text(f'{{"stimlib_scene": 1, "law": null, "blocks": [{many[:-1]}], "outputs": {{"y": 0}}}}')
+    with pytest.raises(SceneFileError, match="s.json: blocks: .* more than limits.scene_blocks"):
+        load(path)
+
+
+def test_limits_can_be_raised_and_lowered(tmp_path, monkeypatch):
+    path = write(tmp_path / "s.json", chain(30))
+    assert len(reach(load(path).outputs.values())) == 30
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 29)
+    with pytest.raises(SceneFileError, match="blocks: 30 is more than limits.scene_blocks = 29"):
+        load(path)
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 1e6)
+    monkeypatch.setattr(stimlib.limits, "scene_bytes", 100)
+    with pytest.raises(SceneFileError, match="bytes: .* more than limits.scene_bytes = 100"):
+        load(path)
+
+
+def test_pipes_devices_and_odd_paths(tmp_path):
+    os.mkfifo(tmp_path / "pipe.json")
+    for path in (tmp_path / "pipe.json", "/dev/zero", tmp_path):
+        with pytest.raises(SceneFileError, match="not a regular file|Is a directory"):
+            load(path)
+    for path in ("a\0b.json", "\ud800.json", "x" * 5000 + ".json", str(tmp_path / ("y" * 300))):
+        with pytest.raises(SceneFileError, match="cannot read") as e:
+            load(path)
+        assert str(e.value).isprintable()
+        with pytest.raises(SceneFileError, match="cannot write"):
+            Scene({"y": x}).save(path)
+
+
+def test_a_planted_link_is_not_followed(tmp_path):
+    target = tmp_path / "precious"
+    target.write_text("kept")
+    (tmp_path / "s.json.part").symlink_to(target)
+    with pytest.raises(SceneFileError, match="s.json.part: it is there already and is a link"):
+        Scene({"y": x}).save(tmp_path / "s.json")
+    assert target.read_text() == "kept" and not (tmp_path / "s.json").exists()
+
+
+@pytest.mark.parametrize("depth", [1000, 100_000, 1_000_000])
+def test_json_as_deep_as_it_goes(tmp_path, depth):
+    path = tmp_path / "s.json"
+    taps = {"class": "Taps", "fields": {"x": 0, "taps": None, "gain_unit": ""}}
+    write(path, {"blocks": [*chain(1)["blocks"], taps], "outputs": {"y": 1}})
+    path.write_text(path.read_text().replace('"taps": null', '"taps": ' + "[" * depth + "]" * depth))
+    with pytest.raises(SceneFileError, match="taps must be numbers|not JSON"):
+        load(path)
+
+
+ODD = [
+    None, True, -1, 0, 3, 0.5, -0.0, 1e308, 5e-324, 10**400, -(10**400), 2**64, "", "a", "mm", "m/0", "\0", "\ud800", "a" * 1000,
+    [], {}, {"a": 1}, [[]], [1, 2], [2, 1], ["1"], ["a", 1], [None], [True], [10**400], [[1, 2], [3]], [[1, 2], [3, 4]], [[[1]]],
+    [1e308, -1e308], [0, 0], list(range(99)), [[0, 1], [1, 2]],
+]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.parametrize("name", sorted({e.cls for e in TABLE}))
+def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
+    """Floats for whole numbers, text for numbers, rows of several lengths, numbers beyond floats."""
+    data = next(e for e in TABLE if e.cls == name).scene().to_dict()
+    entry = next(b for b in data["blocks"] if b["class"] == name) if name != "Guard" else data["blocks"][-1]
+    for field, kept in entry["fields"].items():
+        for value in ODD:
+            entry["fields"][field] = value
+            try:
+                assert Scene.from_dict(json.loads(json.dumps(data))).hash
+            except StimlibError as e:
+                assert len(str(e)) < 1000
+        entry["fields"][field] = kept
+
+
+@pytest.mark.parametrize("value", [["1.5"], [True], [None], [10**400], [[1, 2], [3]], 10**400, [1j], np.array([1 + 1j])])
+def test_an_array_has_real_numbers(value):
+    with pytest.raises(BadValue, match="taps"):
+        blocks.fir(x, value)
+
+
+@pytest.mark.parametrize("name", ["a" * 101, "\ud800", "a\0", "a b", "", "\x1b[31m", "a\n"])
+def test_names_that_are_none(name):
+    for make in (lambda: Input(name), lambda: Param(name, 1.0), lambda: Scene({name: x})):
+        with pytest.raises(StimlibError, match="name") as e:
+            make()
+        assert str(e.value).isprintable() and len(str(e.value)) < 200
+    assert Scene({"é" * 100: Input("größe")})

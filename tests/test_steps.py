@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from contract import TABLE as TABLE_OF_BLOCKS
 from contract import ours
 from laws import assert_same
 
 import stimlib
 from stimlib import Input, Scene, maths, steps
-from stimlib.errors import SceneError
+from stimlib.errors import SceneError, UnitError
 from stimlib.graph import Block
+from stimlib.lower import design_of, program_of
 from stimlib.maths import fma, sin, where
 
 x = Input("x")
@@ -279,3 +281,131 @@ def test_a_step_changed_in_place_is_compiled_again():
     Changed.step = staticmethod(other)
     for target in ("numba", "python"):
         assert stimlib.compile(Scene({"y": Changed(x)}), 1000, target).process(u) == 2.0
+
+
+# What authors forget -----------------------------------------------------------------------------------------------------
+class Gain(NamedTuple):
+    gain: float
+
+
+def designed(self, fs):
+    return Gain(2.0), State(0.0)
+
+
+def low(p, s, x):
+    return p.gain * x, State(x)
+
+
+def with_self(self, p, s, x):  # here: self
+    return x, s
+
+
+def few(p, s):  # here: few
+    return 1.0, s
+
+
+def state_forgotten(p, s, x):
+    return p.gain * x  # here: state
+
+
+def state_forgotten_by_name(p, s, x):
+    y = maths.sqrt(x)
+    return y  # here: state by name
+
+
+def state_lost(p, s, x):
+    return x, ()  # here: lost
+
+
+def nothing_returned(p, s, x):  # here: nothing
+    x = 2.0 * x
+
+
+def misspelt(p, s, x):
+    return p.gian * x, s  # here: gian
+
+
+def misspelt_state(p, s, x):
+    return x + s.z, s  # here: z
+
+
+def tile_without_state(p, s, x, y):  # here: tile
+    for i in range(x.size):
+        y[i] = x[i]
+
+
+def dotted(p, s, x):
+    return stimlib.maths.sqrt(x), s  # here: dotted
+
+
+def plain_tuples(self, fs):  # here: plain
+    return (1.0,), (2.0,)
+
+
+def only_parameters(self, fs):
+    return Gain(2.0)
+
+
+def no_design(self, fs):
+    pass
+
+
+def text_in_design(self, fs):  # here: text
+    return Gain("2"), State(0.0)
+
+
+def matrix_in_design(self, fs):
+    return Gain(np.zeros((2, 2))), State(0.0)
+
+
+def own(**members):
+    members = {"__annotations__": {"x": Block}, "__module__": __name__, "design": designed, **members}
+    return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
+
+
+@pytest.mark.parametrize("target", ["python", "numba", "jax"])
+@pytest.mark.parametrize(
+    ("members", "line", "says"),
+    [
+        ({"step": with_self}, "self", "Mine.step: write @staticmethod above it: it has no self and is step(p, s, x)"),
+        ({"step": staticmethod(few)}, "few", "Mine.step: it takes (p, s) and must take step(p, s, x)"),
+        ({"step": staticmethod(state_forgotten)}, "state", "must return two things, the sample and the new state State(..)"),
+        ({"step": staticmethod(state_forgotten_by_name)}, "state by name", "must return two things"),
+        ({"step": staticmethod(state_lost)}, "lost", "must return two things"),
+        ({"step": staticmethod(nothing_returned)}, "nothing", "must return two things"),
+        ({"step": staticmethod(misspelt)}, "gian", "Mine.step: p.gian is not there: design gives the parameters gain"),
+        ({"step": staticmethod(misspelt_state)}, "z", "Mine.step: s.z is not there: design gives the state y"),
+        ({"tile": staticmethod(tile_without_state)}, "tile", "Mine.tile: it must fill y and return the new state State(..)"),
+        ({"step": staticmethod(low), "design": plain_tuples}, "plain", "Mine.design: it must return parameters and state"),
+        ({"step": staticmethod(low), "design": only_parameters}, None, "two NamedTuples"),
+        ({"step": staticmethod(low), "design": no_design}, None, "and returned None"),
+        ({"step": staticmethod(low), "design": text_in_design}, "text", "Mine.design: parameters 'gain' is a str; floats"),
+        ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
+        ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says, target):
+    with pytest.raises(SceneError) as e:
+        stimlib.compile(Scene({"y": own(**members)(x)}), 1000, target)
+    assert says in str(e.value) and "numba" not in str(e.value), e.value
+    if line:
+        assert str(e.value).startswith(f"{__file__}:{line_of(f'here: {line}')}: "), e.value
+
+
+def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
+    refused(dotted, f":{line_of('here: dotted')}", "write `from stimlib import maths` above the class, and maths.sqrt here")
+
+
+@pytest.mark.parametrize("returned", ["", "N", None, 1.0])
+def test_units_returns_a_unit(returned):
+    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.units.unit") as e:
+        own(units=lambda self, *u: returned, step=staticmethod(low))(x)
+    assert __file__ in str(e.value)
+    with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):
+        own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))(x)
+
+
+def test_every_block_we_ship_keeps_what_it_asks_of_others():
+    for entry in TABLE_OF_BLOCKS:
+        program = program_of(entry.scene())
+        assert len(design_of(program, entry.rates[0])) == len(program.instances)

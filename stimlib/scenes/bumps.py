@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import product
 from typing import NamedTuple
 
+import numpy as np
+
 from ..blocks.carrier import bump, carrier
 from ..blocks.equalise import equalize, within
 from ..blocks.maps import nonzero
@@ -14,7 +16,7 @@ from ..scene import Scene
 
 
 def bumps(
-    waveform="square",
+    waveform: str | np.ndarray = "square",
     bumps: float = 6,
     duty: float = 0.5,
     amplitude: float = 4.0,

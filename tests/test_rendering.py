@@ -1,0 +1,92 @@
+"""Rendering: wrong numbers are never silent."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Input, Scene, blocks, render
+from stimlib.errors import BadValue, FaultError, SceneError, StimlibError
+
+x = Input("x", "m")
+SCENE = Scene({"force": 1.0 / (x - stimlib.constant(3.0, "m")), "good": x})
+RAMP = np.arange(6.0)
+
+
+# Faults --------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("target", ["numba", "python"])
+def test_a_fault_is_told_once_with_output_and_sample(target):
+    with pytest.warns(RuntimeWarning) as told:
+        r = render(SCENE, {"x": RAMP}, 1000, target=target)
+    assert len(told) == 1 and told[0].filename == __file__
+    assert "output force was not finite at sample 3 (0.003 s)" in str(told[0].message)
+    assert r.fault == ("force", 3)
+    assert repr(r) == "Rendering(force, good: 0.006 s at 1000 Hz, FAULT: force from sample 3 on)"
+    np.testing.assert_array_equal(r["good"], RAMP)
+
+
+def test_a_fault_raises_or_is_ignored_on_demand():
+    with pytest.raises(FaultError, match="output force was not finite at sample 3"):
+        render(SCENE, {"x": RAMP}, 1000, on_fault="raise")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert render(SCENE, {"x": RAMP}, 1000, on_fault="ignore").fault == ("force", 3)
+        r = render(SCENE, {"x": RAMP[:3]}, 1000, on_fault="raise")
+    assert r.fault is None and "FAULT" not in repr(r)
+    with pytest.raises(BadValue, match="on_fault = 'shout': choose one of warn, raise, ignore"):
+        render(SCENE, {"x": RAMP}, 1000, on_fault="shout")
+
+
+# What is given -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        (RAMP * 1j, "complex128"), (RAMP > 0, "bool"), (RAMP.astype(object), "object"), (["1", "2"], "<U1"),
+        ([[1], [2, 3]], "real"),
+        (x, "real numbers"), (None, "object"), ("ramp", "<U4"), (RAMP.reshape(2, 3), "one dimension"), (5.0, "one dimension"),
+        (np.array([1.0, np.nan]), "not finite at sample 1"), (np.array([np.inf]), "not finite at sample 0"),
+    ],
+)  # fmt: skip
+def test_a_motion_that_is_no_row_of_real_numbers(motion, says):
+    with pytest.raises(BadValue) as e:
+        render(SCENE, {"x": motion}, 1000)
+    assert "motion of x" in str(e.value) and says in str(e.value)
+
+
+@pytest.mark.parametrize("f", [lambda t: t * 1j, lambda t: t > 0, lambda t: [1.0], lambda t: "a", lambda t: t * np.nan])
+def test_a_function_that_gives_no_real_numbers(f):
+    with pytest.raises(BadValue, match="motion of x"):
+        render(SCENE, {"x": f}, 1000, 0.01)
+
+
+def test_whole_and_short_numbers_are_taken_as_they_are():
+    for motion in (RAMP.astype(np.int16), RAMP.astype(np.float32), list(range(6)), tuple(RAMP)):
+        np.testing.assert_array_equal(render(Scene({"y": x}), {"x": motion}, 1000)["y"], RAMP)
+
+
+@pytest.mark.parametrize("seconds", ["3", [1], 1j, np.ones(2), 0, -1, 1e-9, np.nan, np.inf, 10**400, x])
+def test_a_length_that_is_none(seconds):
+    with pytest.raises(BadValue, match="seconds must be"):
+        render(SCENE, {"x": np.sin}, 1000, seconds)
+
+
+@pytest.mark.parametrize("seconds", [1e9, 1e6 * 3600])
+def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
+    with pytest.raises(BadValue, match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS="):
+        render(SCENE, {"x": np.sin}, 8000, seconds)
+    parts = stimlib.stream(stimlib.compile(SCENE, 8000, "python"), {"x": lambda t: 0 * t}, seconds, block=3)
+    assert next(parts).shape == (2, 3), "a stream has no such limit"
+
+
+@pytest.mark.parametrize("scene", [{"force": x}, x, None, [], "squeeze", SCENE.outputs])
+def test_what_is_no_scene(scene):
+    with pytest.raises(SceneError, match=r'expected a Scene, such as Scene\(\{"force": force\}\), got'):
+        render(scene, {"x": RAMP}, 1000)
+    with pytest.raises(StimlibError, match="expected a Scene"):
+        stimlib.compile(scene, 1000, "jax")
+
+
+def test_where_of_a_comparison_is_no_longer_a_constant():
+    r = render(Scene({"y": blocks.where(x == 0, 10.0, 20.0)}), {"x": np.array([0.0, 1.0, 0.0])}, 1000)
+    np.testing.assert_array_equal(r["y"], [10, 20, 10])
