@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 
 from .errors import UnitError
 
-_SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2")
+_SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2")
 
 
 class Unit:
