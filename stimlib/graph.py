@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses as dc
 import inspect
 import math
+import operator
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -19,7 +20,7 @@ import numpy as np
 from . import units as un
 from .errors import BadValue, SceneError, StimlibError, UnitError
 from .maths import copy, where
-from .operators import Operators
+from .operators import NUMBERS, Refusals, functions, no_numpy, power
 from .steps import place
 from .units import Unit, unit
 
@@ -35,7 +36,7 @@ registry: dict[str, type[Block]] = {}
 """Every final block class by the name scene files use."""
 
 
-class Block(Operators):
+class Block(Refusals):
     """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``) or final.
 
     A final class, or an abstract one above it (a *primitive*), owns the definition of the output, either
@@ -135,6 +136,39 @@ class Block(Operators):
                 parts.append(f"{f.name}={v!r}" if self.children else repr(v))
         return f"{type(self).__name__}({', '.join(parts)})"
 
+    # Arithmetic makes more blocks; what none of them can do is in Refusals ------------------------------------------
+    # fmt: off
+    def __add__(self, o): return Add(self, o)
+    def __radd__(self, o): return Add(o, self)
+    def __sub__(self, o): return Sub(self, o)
+    def __rsub__(self, o): return Sub(o, self)
+    def __mul__(self, o): return Mul(self, o)
+    def __rmul__(self, o): return Mul(o, self)
+    def __truediv__(self, o): return Div(self, o)
+    def __rtruediv__(self, o): return Div(o, self)
+    def __neg__(self): return Neg(self)
+    def __pos__(self): return self
+    def __abs__(self): return Abs(self)
+    def __gt__(self, o): return Greater(self, o)
+    def __lt__(self, o): return Greater(o, self)
+    def __ge__(self, o): return AtLeast(self, o)
+    def __le__(self, o): return AtLeast(o, self)
+    def __eq__(self, o: Any) -> Any: return Equal(self, o)
+    def __ne__(self, o: Any) -> Any: return NotEqual(self, o)
+    # fmt: on
+
+    __hash__ = object.__hash__  # keys of tables are the blocks themselves, whatever == means
+
+    def __pow__(self, n: Any) -> Block:
+        return Const(1.0) if isinstance(n, NUMBERS) and n == 0 else power(self, n)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        f = functions().get(ufunc.__name__)  # numpy asks here before it computes anything
+        if method != "__call__" or options or f is None:
+            return no_numpy(ufunc.__name__)
+        blocks = [as_block(v) for v in inputs]
+        return f(blocks[0], blocks[1].value if isinstance(blocks[1], Const) else blocks[1]) if f is operator.pow else f(*blocks)
+
 
 @memo
 def signals(cls: type[Block]) -> tuple[str, ...]:
@@ -167,7 +201,6 @@ def _float(v: Any, what: str) -> float:
         raise BadValue(f"{what} is beyond what a float can hold, {sys.float_info.max:.3g}") from None
 
 
-NUMBERS = (int, float, np.integer, np.floating)
 _KINDS = {
     "float": ((int, float), "a number"),
     "int": ((int,), "a whole number"),

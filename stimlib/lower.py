@@ -282,7 +282,8 @@ def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
     known: Callable[..., None] = steps.check_block
     for q in program.instances:
         cls = type(q.block)
-        p, s = ((), ())
+        p: Any = ()
+        s: Any = ()
         if q.kind == "block":
             pair = q.block.design(fs)
             steps.check_design(cls, pair)

@@ -205,7 +205,8 @@ def test_values_that_make_no_sense_are_found_where_they_are_written(make):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: blocks.velocity(n, 500.0), ["cutoff", "500"]), (lambda: blocks.differentiator(n, 450.0), ["passband", "fs/2"]),
+        (lambda: blocks.velocity(n, 500.0), ["cutoff", "500"]), (lambda: blocks.differentiator(n, 500.0), ["passband", "fs/2"]),
+        (lambda: blocks.differentiator(n, 450.0), ["order=", "tol"]),
         (lambda: blocks.differentiator(n, 100.0), ["order=", "tol"]), (lambda: blocks.pinking(n, 400.0), ["f_low"]),
         (lambda: blocks.pinking(n, 1.0, 1e-12), ["tol_db"]), (lambda: blocks.delay(n, seconds=1e-5), ["half a sample"]),
     ],

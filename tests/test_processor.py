@@ -141,7 +141,7 @@ def test_bad_rates(fs):
 @pytest.mark.parametrize(
     "block",
     [
-        blocks.delay(x, samples=10**12), blocks.delay(x, samples=10**400), blocks.delay(x, seconds=1e300),
+        blocks.delay(x, samples=10**12), blocks.delay(x, samples=2**63), blocks.delay(x, seconds=1e300),
         blocks.delay(x, seconds=1e308), blocks.delay(blocks.delay(x, samples=3 * 10**8), samples=3 * 10**8 + 1),
     ],
 )  # fmt: skip

@@ -41,7 +41,7 @@ class Delay(Block):
             raise BadValue(f"delay: seconds = {self.seconds!r} must be above 0")
 
     def design(self, fs):
-        length = self.seconds * fs if self.samples is None else float(min(self.samples, 10**300))
+        length = self.seconds * fs if self.samples is None else float(self.samples)
         limits.check("state_bytes", 8 * length, f"delay: bytes of its samples at fs = {fs:g} Hz")
         n = round(length)
         if n < 1:
