@@ -49,8 +49,9 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
             if not stat.S_ISREG(info.st_mode):
                 raise error(f"cannot read {path}: it is not a regular file")
             limits.check(limit, info.st_size, f"{path}: bytes", error)
-            data = f.read(int(min(getattr(limits, limit), 2**62)) + 1)  # it may grow while it is read
-            limits.check(limit, len(data), f"{path}: bytes", error)
+            data = f.read(info.st_size + 1)  # of a size that is not there would be taken from the memory
+            if len(data) > info.st_size:
+                raise error(f"cannot read {path}: it grows while it is read; wait until it is written")
             return data
     except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
         if isinstance(e, StimlibError):

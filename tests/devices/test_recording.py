@@ -488,7 +488,8 @@ def check_speed(r: Recording, path: Path, column: str, scale: float) -> None:
         ("t_s,x\n0,1\n0,1\n", "row 2: one report is not a motion"),
         ("t_s,y\n0,1\n1,2\n", r"x needs column x, and there is none; the columns are: t_s, y; use one of those"),
         ("t,x\n0,1\n1,2\n", "time needs column t_s, and there is none"),
-        ("t_s;x\n0;1\n1;2\n", "separate columns by commas, not by ';'"),
+        ("t_s|x\n0|1\n1|2\n", "separate columns by commas, not by '\\|'"),
+        ("t_s;x\n0;1\n1;1.234,5\n", "row 3, column x: '1.234,5' is not a number"),
         ("t_s\tx\n0\t1\n", "separate columns by commas, not by '\\\\t'"),
         ("0,1\n0.01,1\n", "the first line must name the columns"),
         ("t_s,x,x\n0,1,2\n1,2,3\n", "row 1, column x: 2 columns have this name; rename"),
@@ -527,6 +528,7 @@ def test_bad_csv(csv, text, message):
 @pytest.mark.parametrize(
     "text",
     ["\ufefft_s,x\n0,1\n0.01,2\n", "t_s,x\r\n0,1\r\n0.01,2\r\n", "t_s,x\r0,1\r0.01,2", "t_s, x\n 0, 1\n0.01 ,2\n\n \n",
+     "t_s;x\n0,00;1,0\n0,01;2,0\n", "t_s;note;x\r\n0,00;a;1\r\n0.01;b;2,0\r\n", '"t_s";"x"\n"0,0";1,0\n0,01;2\n',
      '"t_s","x"\n"0","1"\n"0.01","2"\n', ",t_s,x\n0,0,1\n1,0.01,2\n", "t_s,x,note\n0,1,\"a\nb\"\n0.01,2,c\n"],
     ids=repr,
 )  # fmt: skip

@@ -1,0 +1,132 @@
+"""Arrays in an npz file, which is looked at as a whole before any memory is taken for what is packed in it."""
+
+import ast
+import io
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+
+from ..bounds import limits
+from ..errors import RecordingError
+from .table import Array, Batch, Rows, table_error
+
+SAVE = "save arrays of numbers with numpy.savez"
+EQUAL = "save one-dimensional arrays of equal length"
+MAX_HEADER = 10_000  # bytes of what an array says of itself
+BATCH = 1 << 17  # rows
+ODD = (
+    *(OSError, ValueError, EOFError, LookupError, TypeError, RuntimeError, SyntaxError, MemoryError, OverflowError),
+    *(struct.error, zipfile.BadZipFile, zlib.error),
+)
+
+
+@dataclass(frozen=True)
+class _Member:
+    """An array of a file: where its values are, and how many of which kind."""
+
+    info: zipfile.ZipInfo
+    offset: int
+    dtype: np.dtype
+    count: int
+
+
+def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]]]:
+    """Names, number of rows, and the rows."""
+    limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)  # one for each member
+    members: dict[str, _Member] = {}
+    name: str | None = None
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as z:
+            limits.check("recording_bytes", sum(i.file_size for i in z.infolist()), f"{file}: unpacked bytes", RecordingError)
+            for info in z.infolist():
+                name = info.filename.removesuffix(".npy")
+                if name in members:
+                    raise table_error(file, "two arrays have this name", "rename one", None, name)
+                members[name] = _member(file, name, z, info)
+                first = next(iter(members))
+                if members[name].count != members[first].count:
+                    problem = f"{members[name].count} values, but {first} has {members[first].count}"
+                    raise table_error(file, problem, EQUAL, None, name)
+    except ODD as error:
+        raise _odd(file, name, error) from None
+    if not members:
+        raise table_error(file, "there are no arrays", SAVE)
+    most = next(iter(members.values())).count
+    return tuple(members), most, lambda: _batches(file, data, members, most)
+
+
+def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
+    if isinstance(error, RecordingError):
+        return error
+    return table_error(file, f"cannot be read as npz ({str(error)[:200] or type(error).__name__})", SAVE, None, name)
+
+
+def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
+    """What an array says of itself, checked against the limits and the directory."""
+    if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError("packed in another way than numpy does")
+    with z.open(info) as f:
+        head = f.read(8)
+        wide = head[6:7] in (b"\2", b"\3")
+        if head[:6] != b"\x93NUMPY":
+            raise table_error(file, "not an array of numbers or texts", "save arrays of numbers", None, name)
+        (length,) = struct.unpack("<I" if wide else "<H", f.read(4 if wide else 2))
+        if length > MAX_HEADER:
+            raise ValueError("its header is too long")
+        said = ast.literal_eval(f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip())
+    kind, shape = said["descr"], said["shape"]
+    if kind == "|O":
+        raise ValueError("it holds objects of Python, which numpy reads with allow_pickle only")
+    if not isinstance(kind, str) or not re.fullmatch(r"[<>|=]?[biufU]\d{1,9}", kind):
+        raise table_error(file, "not an array of numbers or texts", "save arrays of numbers", None, name)
+    dtype = np.dtype(kind)
+    if not isinstance(shape, tuple) or not all(type(n) is int and n >= 0 for n in shape):
+        raise ValueError(f"shape {shape!r}")
+    if len(shape) != 1:
+        raise table_error(file, f"shape {shape}", EQUAL, None, name)
+    limits.check("recording_rows", shape[0], f"{file}, column {name}: values", RecordingError)
+    offset = 8 + (4 if wide else 2) + length
+    if dtype.itemsize * prod(shape) != info.file_size - offset:
+        raise ValueError(f"{info.file_size - offset} bytes for {shape[0]} values of {dtype.itemsize}")
+    return _Member(info, offset, dtype, shape[0])
+
+
+def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) -> Iterator[Batch]:
+    unpacked: dict[str, np.ndarray] = {}
+
+    def column(name: str) -> np.ndarray:
+        if name not in unpacked:
+            try:
+                with zipfile.ZipFile(io.BytesIO(data)) as z, z.open(members[name].info) as f:
+                    f.read(members[name].offset)
+                    values = f.read(members[name].info.file_size)
+                unpacked[name] = np.frombuffer(values, members[name].dtype, count)
+            except ODD as error:
+                raise _odd(file, name, error) from None
+        return unpacked[name]
+
+    for at in range(0, count, BATCH):
+        yield _Part(column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class _Part:
+    column: Callable[[str], np.ndarray]
+    part: slice
+    rows: Rows
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        values = [self.column(name)[self.part] for name in columns]
+        if any(v.dtype.kind == "U" for v in values):
+            raise ValueError
+        with np.errstate(over="ignore"):  # longer floats
+            return np.array([v.astype(np.float64) for v in values])
+
+    def texts(self, column: str) -> Sequence[str]:
+        return [str(v) for v in self.column(column)[self.part]]

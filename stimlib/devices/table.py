@@ -1,0 +1,350 @@
+"""Tables of others, CSV or npz, read a batch of rows at a time: nothing is kept but what is asked for.
+
+A table of millions of rows has most of them plain: as many fields as names, no quotes.  numpy's own reader takes those.
+From the first piece that is not plain, Python's csv reader goes on row by row; it is exact about what is wrong, and where.
+"""
+
+import csv
+import hashlib
+import io
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bounds import limits
+from ..errors import BadValue, RecordingError
+from ..files import regular
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+EMPTY = "give a file with a line of column names and at least two rows"
+PIECE = 1 << 20  # bytes of text that are read at once
+BATCH = 10_000  # rows of the exact reader
+LONGEST = 1 << 17  # characters of a line of the fast reader; the exact one takes longer lines, but no longer fields
+
+
+class Batch(Protocol):
+    """Some rows of a table."""
+
+    @property
+    def rows(self) -> Rows:
+        """Their numbers in messages."""
+        ...
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        """All cells of these columns, shape (columns, rows); ValueError where one is not a number."""
+        ...
+
+    def texts(self, column: str) -> Sequence[str]:
+        """All cells of a column."""
+        ...
+
+
+@dataclass(frozen=True)
+class Table:
+    """A file as it is: its column names, and its rows, batch after batch.
+
+    Attributes
+    ----------
+    file, sha256 : str
+    names : tuple of str
+    most : int
+        There are at most so many rows.
+    batches : function
+        The rows from the first on, as often as it is called.
+    decimal : str
+        What a number may have for its point.
+    """
+
+    file: str
+    sha256: str
+    names: tuple[str, ...]
+    most: int
+    batches: Callable[[], Iterator[Batch]]
+    decimal: str = "."
+
+    def error(self, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
+        return table_error(self.file, problem, remedy, row, column)
+
+    def closed(self) -> "Table":
+        """The same without the rows, which leave the memory."""
+        return replace(self, batches=lambda: iter(()))
+
+    def number(self, text: str) -> float | None:
+        return number(text.replace(self.decimal, "."))
+
+
+def table_error(file: str, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
+    place = file + ("" if row is None else f", row {row}") + ("" if column is None else f", column {column}")
+    return RecordingError(f"{place}: {problem}; {remedy}")
+
+
+def number(text: str) -> float | None:
+    """A cell as a number, None if it is not one. float() alone takes underscores and the digits of other scripts too."""
+    if not text.isascii() or "_" in text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table:
+    """The table in a CSV or npz file.
+
+    Parameters
+    ----------
+    path : path
+        A name that ends in .npz is read as npz, any other as CSV.
+    sha256 : str, optional
+        First 8 to 64 hex digits of the file's SHA-256, which must fit.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    RecordingError
+        A file that is no such table, or is larger than ``stimlib.limits`` allow; rows are checked as they are read.
+    BadValue
+        A path or digest that is not one.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "press.csv")
+    >>> _ = path.write_text("t_s,force_N\\n0,1\\n0.01,2\\n")
+    >>> table = read_table(path)
+    >>> [batch.numbers(["force_N"]).tolist() for batch in table.batches()]
+    [[[1.0, 2.0]]]
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise BadValue(f"path must be the name of a file, got {path!r}")
+    file = os.fsdecode(path)
+    try:
+        data = regular.read(file, "recording_bytes", RecordingError)
+    except RecordingError as error:
+        reason = error.args[0].removeprefix(f"cannot read {file}: ")
+        if reason == error.args[0]:
+            raise
+        raise table_error(file, f"cannot be read ({reason})", "give the name of a CSV or npz file") from None
+    digest = hashlib.sha256(data).hexdigest()
+    if sha256 is not None:
+        _check_digest(file, digest, sha256)
+    if not data[:PIECE].strip() and not data.strip():
+        raise table_error(file, "the file is empty", EMPTY)
+    if file.lower().endswith(".npz"):
+        from .npz import read_npz
+
+        names, most, batches = read_npz(file, data)
+        return Table(file, digest, names, most, batches)
+    return _read_csv(file, digest, data)
+
+
+def _check_digest(file: str, digest: str, sha256: str) -> None:
+    if not isinstance(sha256, str) or not re.fullmatch("[0-9a-fA-F]{8,64}", sha256):
+        raise BadValue(f"sha256 must be the first 8 to 64 hex digits of the file's SHA-256, got {sha256!r}")
+    if not digest.startswith(sha256.lower()):
+        remedy = "find the file that was meant, or leave out sha256"
+        raise table_error(file, f"SHA-256 is {digest[:16]}..., not {sha256}", remedy)
+
+
+# -- CSV
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a CSV file is written."""
+
+    file: str
+    names: tuple[str, ...]
+    separator: str
+    decimal: str
+
+
+def _read_csv(file: str, digest: str, data: bytes) -> Table:
+    _check_text(file, data)
+    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    first = data[start : start + LONGEST].splitlines()[:1]
+    european = bool(first) and b";" in first[0] and b"," not in first[0]
+    separator, decimal = (";", ",") if european else (",", ".")
+    most = data.count(b"\n") + data.count(b"\r") - data.count(b"\r\n")
+    limits.check("recording_rows", most, f"{file}: rows", RecordingError)
+    names, lines = _header(file, data, start, separator)
+    form = _Form(file, names, separator, decimal)
+    after = data.find(b"\n", start) + 1
+    plain = lines == 1 and after and b"\r" not in data[start:after].rstrip(b"\r\n")
+
+    def batches() -> Iterator[Batch]:
+        at, row = (after, 2) if plain else (start, 1)
+        if plain:
+            while at < len(data):
+                end = data.rfind(b"\n", at, at + PIECE) + 1
+                batch = _plain(data[at:end], row, form) if end else None
+                if batch is None:
+                    break
+                yield batch
+                at, row = end, row + len(batch.rows)
+        yield from _exact(data, at, row, form)
+
+    return Table(file, digest, names, most, batches, decimal)
+
+
+def _check_text(file: str, data: bytes) -> None:
+    remedy = "save it as CSV text in UTF-8"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise table_error(file, "UTF-16 text", remedy)
+    if b"\0" in data:
+        raise table_error(file, "not a text file", f"{remedy}, or as .npz")
+    if data.isascii():
+        return
+    at = 0
+    while at < len(data):
+        end = data.rfind(b"\n", at, at + PIECE) + 1 or len(data)
+        try:
+            data[at:end].decode()
+        except UnicodeDecodeError as error:
+            row = data.count(b"\n", 0, at + error.start) + 1
+            raise table_error(file, f"not UTF-8 text, byte 0x{data[at + error.start]:02x}", remedy, row) from None
+        at = end
+
+
+def _records(file: str, data: bytes, at: int, row: int, separator: str) -> Iterator[tuple[list[str], int]]:
+    """Fields and line number of every record from a byte on, which is the start of that line."""
+    with io.BytesIO(data) as raw:
+        raw.seek(at)
+        lines = csv.reader(_lines(file, raw, row), delimiter=separator, strict=True, skipinitialspace=True)
+        try:
+            for fields in lines:
+                yield fields, lines.line_num + row - 1
+        except csv.Error as error:
+            raise table_error(file, f"not CSV ({error})", "correct the row", lines.line_num + row - 1) from None
+
+
+def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
+    text = io.TextIOWrapper(raw, encoding="utf-8", newline="")
+    most = int(min(limits.recording_columns, 2**30)) * 1024  # a line without an end is no table
+    while line := text.readline(most):
+        yield line
+        if len(line) == most:
+            raise table_error(file, f"not CSV (a line of {most} characters or more)", "correct the row", row)
+        row += 1
+
+
+def _header(file: str, data: bytes, start: int, separator: str) -> tuple[tuple[str, ...], int]:
+    """The names, and how many lines they take."""
+    blank = 0
+    for fields, row in _records(file, data, start, 1, separator):
+        if _is_blank(fields):
+            blank = blank or row
+            continue
+        if blank:
+            raise table_error(file, "the line is blank", "put the names of the columns into the first line", blank)
+        limits.check("recording_columns", len(fields), f"{file}: columns", RecordingError)
+        names = [f.strip() for f in fields]
+        if twice := [name for i, name in enumerate(names) if name in names[:i]]:
+            problem = f"{names.count(twice[0])} columns have this name"
+            raise table_error(file, problem, "rename all but one", 1, twice[0] or "''")
+        return tuple(names), row
+    raise table_error(file, "the file is empty", EMPTY)
+
+
+def _is_blank(fields: list[str]) -> bool:
+    return len(fields) <= 1 and not any(f.strip() for f in fields)
+
+
+def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
+    """Whole lines, if each has as many fields as there are names, and nothing is quoted."""
+    if b'"' in piece or piece.count(b"\r") != piece.count(b"\r\n") or len(form.names) < 2:
+        return None
+    text = np.frombuffer(piece, np.uint8)
+    ends = text == 10
+    marks = np.flatnonzero(ends | (text == ord(form.separator)))
+    if len(marks) % len(form.names):
+        return None
+    last = ends[marks].reshape(-1, len(form.names))
+    lines = marks[len(form.names) - 1 :: len(form.names)]
+    if last[:, :-1].any() or not last[:, -1].all() or np.diff(lines, prepend=-1).max() > LONGEST:
+        return None
+    return _Plain(piece, np.arange(row, row + len(lines), dtype=np.int64), form)
+
+
+@dataclass(frozen=True)
+class _Plain:
+    piece: bytes
+    rows: Rows
+    form: _Form
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        text = self.piece.replace(b",", b".") if self.form.decimal == "," else self.piece
+        wanted = [self.form.names.index(name) for name in columns]
+        lines = text.decode("latin-1").split("\n")[:-1]
+        values = np.loadtxt(lines, delimiter=self.form.separator, usecols=wanted, comments=None, ndmin=2)
+        if len(values) != len(self.rows):
+            raise ValueError
+        return values.T
+
+    def texts(self, column: str) -> Sequence[str]:
+        at = self.form.names.index(column)
+        return [line.split(self.form.separator)[at] for line in self.piece.decode().split("\n")[:-1]]
+
+
+def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
+    """The rows from a byte on, checked one by one; the names are skipped."""
+    cells: list[list[str]] = []
+    rows: list[int] = []
+    blank = 0  # the first blank line since the last row; at the end they do no harm
+    skip = row == 1
+    for fields, line in _records(form.file, data, at, row, form.separator):
+        if _is_blank(fields):
+            blank = blank or line
+        elif skip:
+            skip = False
+        else:
+            _check_fields(form, fields, line, blank)
+            cells.append(fields)
+            rows.append(line)
+            if len(rows) == BATCH:
+                yield _Exact(cells, np.array(rows, dtype=np.int64), form)
+                cells, rows = [], []
+    if rows:
+        yield _Exact(cells, np.array(rows, dtype=np.int64), form)
+
+
+def _check_fields(form: _Form, fields: list[str], row: int, blank: int) -> None:
+    if blank:
+        raise table_error(form.file, "the line is blank", "remove it", blank)
+    names = form.names
+    if len(fields) != len(names):
+        what = "missing" if len(fields) < len(names) else "surplus"
+        where = names[len(fields)] if len(fields) < len(names) else None
+        problem = f"{len(fields)} fields for {len(names)} columns, {what} field"
+        remedy = "correct the row (decimals with a point, not a comma, unless columns are separated by semicolons)"
+        raise table_error(form.file, problem, remedy, row, where)
+
+
+@dataclass(frozen=True)
+class _Exact:
+    cells: list[list[str]]
+    rows: Rows
+    form: _Form
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        values = np.empty((len(columns), len(self.rows)))
+        for i, name in enumerate(columns):
+            found = [number(text.replace(self.form.decimal, ".")) for text in self.texts(name)]
+            if None in found:
+                raise ValueError
+            values[i] = found
+        return values
+
+    def texts(self, column: str) -> Sequence[str]:
+        at = self.form.names.index(column)
+        return [fields[at] for fields in self.cells]
