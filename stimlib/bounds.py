@@ -45,6 +45,8 @@ class Limits:
     """Rows of a recording."""
     recording_columns: float = 1000
     """Columns of a recording, or arrays of an npz file."""
+    table_knots: float = 10_000
+    """Points of a measured profile, each of which costs time where a scene is built."""
     sidecar_bytes: float = 256_000_000
     """Size of a sidecar, of a table in a file, and of what a log says first."""
 

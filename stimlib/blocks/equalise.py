@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ..bounds import limits
 from ..errors import BadValue
+from ..files import regular
 from ..graph import Block, Const, as_block
 from ..maths import where
 from .impedance import _with_unit
@@ -51,27 +51,28 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
     Raises
     ------
     BadValue
-        No file; a line that is not two numbers.
+        No file that can be read, or a larger one than ``stimlib.limits`` allow; a line that is not two numbers.
     """
+    file = os.fspath(path)
     rows: list[tuple[float, float]] = []
     try:
-        lines = Path(path).read_text().splitlines()
-    except (OSError, UnicodeDecodeError) as e:
-        raise BadValue(f"equalize: cannot read {os.fspath(path)}: {e}") from None
+        lines = regular.read(file, "sidecar_bytes", BadValue).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as e:
+        raise BadValue(f"equalize: cannot read {file}: {e}") from None
     heading = False
-    for number, row in enumerate(csv.reader(lines), 1):
-        if not row or not "".join(row).strip() or row[0].lstrip().startswith("#"):
+    for number, line in enumerate(lines, 1):
+        row = line.split(",")
+        if not line.strip() or row[0].lstrip().startswith("#"):
             continue
         try:
-            position, displacement = map(float, row)
+            position, displacement = (float(word.strip().strip('"')) for word in row)
         except ValueError:
             if rows or heading:
-                raise BadValue(
-                    f"{os.fspath(path)}, line {number}: expected position,displacement, got {','.join(row)!r}"
-                ) from None
+                raise BadValue(f"{file}, line {number}: expected position,displacement, got {line[:80]!r}") from None
             heading = True
             continue
         rows.append((position, displacement))
+        limits.check("table_knots", len(rows), f"{file}: rows")
     return [r[0] for r in rows], [r[1] for r in rows]
 
 
@@ -85,6 +86,7 @@ def points(displacement) -> tuple[np.ndarray, np.ndarray]:
         knots, d = (np.array(v, np.float64) for v in displacement)
     except (TypeError, ValueError):
         raise BadValue("equalize: displacement must be two rows of numbers, (knots, displacement)") from None
+    limits.check("table_knots", knots.size, "equalize: knots")
     if knots.ndim != 1 or knots.shape != d.shape or knots.size < 2:
         raise BadValue(f"equalize: need as many displacements as knots, at least 2; got {knots.shape} and {d.shape}")
     for name, v in (("knot", knots), ("displacement", d)):

@@ -17,6 +17,7 @@ from ..units import unit
 KINDS = ("linear", "pchip", "cubic", "polynomial")
 MOST = 8  # knots of a polynomial
 OUTSIDE = ("hold", "zero", "error")
+STEEP = "lut: the values differ by more than the distance of their knots allows; check both units"
 POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 
 
@@ -59,13 +60,19 @@ class Lut(Table):
 
     def design(self, fs):
         c = np.zeros((4, len(self.knots) - 1))
-        if self.kind == "linear":
-            c[2], c[3] = np.diff(self.values) / np.diff(self.knots), self.values[:-1]
-        else:
-            from scipy import interpolate
+        with np.errstate(all="ignore"):
+            try:
+                if self.kind == "linear":
+                    c[2], c[3] = np.diff(self.values) / np.diff(self.knots), self.values[:-1]
+                else:
+                    from scipy import interpolate
 
-            make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
-            c[:] = make(self.knots, self.values).c
+                    make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
+                    c[:] = make(self.knots, self.values).c
+            except ValueError:  # what scipy says of slopes that are not finite
+                c[:] = np.inf
+        if not np.isfinite(c).all():
+            raise BadValue(STEEP)
         return TableParams(np.array(self.knots), c.T.ravel().copy(), *POLICY[self.outside]), ()
 
 
@@ -101,7 +108,11 @@ class Polynomial(Block):
         for j in range(1, len(c)):
             for i in range(len(c) - 1, j - 1, -1):
                 c[i] = (c[i] - c[i - 1]) / (knots[i] - knots[i - j])
-        return PolynomialParams(np.array([float(k) for k in knots]), np.array([float(v) for v in c]), *POLICY[self.outside]), ()
+        try:
+            places, values = (np.array([float(v) for v in row]) for row in (knots, c))
+        except OverflowError:
+            raise BadValue(STEEP) from None
+        return PolynomialParams(places, values, *POLICY[self.outside]), ()
 
     @staticmethod
     def step(p, s, x):

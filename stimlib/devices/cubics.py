@@ -64,10 +64,10 @@ def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]
     inner = np.where(turns, 0.0, 1.0 / ((w0 / m0 + w1 / m1) / (w0 + w1)))
     end[:-1] = np.where(meet, inner, end[:-1])
     start[1:] = np.where(meet, inner, start[1:])
-    first = meet & ~np.append(False, whole[:-2])
-    last = meet & ~np.append(whole[2:], False)
-    start[:-1] = np.where(first, _edge(h0, h1, m0, m1), start[:-1])
-    end[1:] = np.where(last, _edge(h1, h0, m1, m0), end[1:])
+    i = np.flatnonzero(meet & ~np.append(False, whole[:-2]))
+    start[i] = _edge(h[i], h[i + 1], m[i], m[i + 1])
+    i = np.flatnonzero(meet & ~np.append(whole[2:], False))
+    end[i + 1] = _edge(h[i + 1], h[i], m[i + 1], m[i])
     return start, end
 
 

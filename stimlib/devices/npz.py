@@ -106,7 +106,10 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
                 with zipfile.ZipFile(io.BytesIO(data)) as z, z.open(members[name].info) as f:
                     f.read(members[name].offset)
                     values = f.read(members[name].info.file_size)
-                unpacked[name] = np.frombuffer(values, members[name].dtype, count)
+                dtype = members[name].dtype
+                if dtype.kind == "U" and (np.frombuffer(values, dtype.str[0] + "u4") > 0x10FFFF).any():
+                    raise ValueError("texts of characters that are none")
+                unpacked[name] = np.frombuffer(values, dtype, count)
             except ODD as error:
                 raise _odd(file, name, error) from None
         return unpacked[name]

@@ -175,7 +175,7 @@ def _read_csv(file: str, digest: str, data: bytes) -> Table:
     first = data[start : start + LONGEST].splitlines()[:1]
     european = bool(first) and b";" in first[0] and b"," not in first[0]
     separator, decimal = (";", ",") if european else (",", ".")
-    most = data.count(b"\n") + data.count(b"\r") - data.count(b"\r\n")
+    most = 1 + sum(_ends(data[at : at + PIECE]) for at in range(0, len(data), PIECE))
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
     names, lines = _header(file, data, start, separator)
     form = _Form(file, names, separator, decimal)
@@ -195,6 +195,12 @@ def _read_csv(file: str, digest: str, data: bytes) -> Table:
         yield from _exact(data, at, row, form)
 
     return Table(file, digest, names, most, batches, decimal)
+
+
+def _ends(piece: bytes) -> int:
+    """How many ends of lines there are at most."""
+    text = np.frombuffer(piece, np.uint8)
+    return int(np.count_nonzero(text == 10)) + (piece.count(b"\r") if b"\r" in piece else 0)
 
 
 def _check_text(file: str, data: bytes) -> None:
@@ -262,7 +268,7 @@ def _is_blank(fields: list[str]) -> bool:
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     """Whole lines, if each has as many fields as there are names, and nothing is quoted."""
-    if b'"' in piece or piece.count(b"\r") != piece.count(b"\r\n") or len(form.names) < 2:
+    if b'"' in piece or len(form.names) < 2 or (b"\r" in piece and piece.count(b"\r") != piece.count(b"\r\n")):
         return None
     text = np.frombuffer(piece, np.uint8)
     ends = text == 10

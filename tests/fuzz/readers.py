@@ -1,0 +1,189 @@
+"""Everything that reads a file, in one table: each must give a result or an error of stimlib's, soon and in little memory."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import stimlib
+from stimlib.blocks import equalize, lut
+from stimlib.devices import file
+from stimlib.devices.log import processor, read_log
+from stimlib.devices.motion import minimum_jerk
+from stimlib.devices.null import NullSink
+from stimlib.devices.recording import recording
+from stimlib.errors import StimlibError
+from stimlib.scenes import squeeze, viscoelastic
+
+SECONDS = 20.0  # of CPU time for one input, on any machine
+CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\ud800-\udfff]")
+CASES = Path(__file__).with_name("cases")
+
+CSV = """t_s,x_m,contact,kind
+0,0.001,1,a
+0.010,0.002,1,a
+0.010,0.002,1,a
+0.021,0.004,0,b
+0.030,0.005,1,b
+0.5,0.0050000001,1,"c"
+0.51,0.007,1,a
+"""
+EUROPE = "t_s;x_m;kind\r\n0,00;0,001;a\r\n0,01;0,002;a\r\n0,02;0,004;b\r\n"
+TABLE = "# measured\nposition,displacement\n0,1e-4\n0.02,1.2e-4\n0.05,1.4e-4\n0.07,1.2e-4\n"
+OPTIONS = (
+    {},
+    {"reports": "on_change", "max_speed": None},
+    {"repeats": "spread", "max_gap": 1e9, "max_speed": {"x": None}},
+    {"repeats": "mean", "contact": False},
+    {"repeats": "last", "where": {"kind": "a"}},
+    {"where": {"kind": 1.0}, "time": "t_s*1e-3", "max_speed": None, "reports": "on_change"},
+)
+
+
+class Reader(NamedTuple):
+    """seeds: good files to start from; read: a file of these bytes."""
+
+    seeds: Callable[[], list[bytes]]
+    read: Callable[[bytes, Path], object]
+
+
+def attempt(name: str, data: bytes) -> object:
+    """What a reader makes of these bytes; what is against the promise goes on as it is."""
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return READERS[name].read(data, Path(folder))
+        except StimlibError as error:
+            assert not CONTROL.search(str(error)), f"control characters: {error!r}"
+            return error
+        finally:
+            took = time.process_time() - began
+            assert took < SECONDS, f"{took:.1f} s"
+
+
+def _written(folder: Path, name: str, data: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def _recording(suffix: str) -> Callable[[bytes, Path], object]:
+    def read(data: bytes, folder: Path) -> object:
+        path = _written(folder, f"log{suffix}", data)
+        taken = None
+        for options in OPTIONS:
+            try:
+                taken = recording(path, {"x": "x_m", "y": "x_m*2+1e-3"}, **options)
+            except StimlibError:
+                continue
+            assert not CONTROL.search(f"{taken}{taken!r}{taken.motion['x']!r}")
+            t = np.linspace(-0.1, 1.1, 7) * taken.duration
+            motions = [taken.motion["x"], taken.motion["y"], taken.contact]
+            assert all(np.isfinite(m(t)).all() for m in motions)
+        return taken or recording(path, {"x": "x_m"})
+
+    return read
+
+
+def _npz() -> list[bytes]:
+    t = np.array([0.0, 0.01, 0.01, 0.02, 0.03, 0.5])
+    kind = np.array(list("aaabbb"))
+    out = []
+    for save, f in ((np.savez, np.float64), (np.savez_compressed, np.float32), (np.savez, np.longdouble)):
+        raw = io.BytesIO()
+        save(raw, t_s=t, x_m=(t * 0.1).astype(f), contact=t < 0.2, kind=kind)
+        out.append(raw.getvalue())
+    return out
+
+
+def _table(data: bytes, folder: Path) -> object:
+    path = _written(folder, "profile.csv", data)
+    x = stimlib.Input("x", "m")
+    done = None
+    for kind in ("linear", "pchip", "cubic", None):
+        try:
+            done = equalize(x, path, kind=kind)
+            stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python").process(np.array([[0.0, 0.03, 1e3]]))
+        except StimlibError:
+            continue
+    return done or equalize(x, path)
+
+
+def _scene(data: bytes, folder: Path) -> object:
+    scene = stimlib.load(_written(folder, "scene.json", data))
+    repr(scene)
+    proc = stimlib.compile(scene, 8000, target="python")
+    proc.process(np.zeros((len(proc.inputs), 4)))
+    return scene
+
+
+@cache
+def _scenes() -> list[bytes]:
+    x = stimlib.Input("x", "m")
+    made = [squeeze(fingers=1), viscoelastic()]
+    made += [stimlib.Scene({"y": lut(x, [0.0, 0.1, 0.3], [1.0, 2.0, 4.0], "pchip"), "z": stimlib.blocks.delay(x, 3)})]
+    return [json.dumps(scene.to_dict()).encode() for scene in made]
+
+
+@cache
+def _audio() -> tuple[bytes, bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "a.wav")
+        scene = stimlib.Scene({"f": stimlib.Param("k", 2.0) * stimlib.Input("x", "m")})
+        proc = stimlib.compile(scene, 8000, target="python")
+        file.write(path, proc, {"x": minimum_jerk()}, 0.01, progress=False)
+        return path.read_bytes(), path.with_name("a.wav.json").read_bytes()
+
+
+def _sidecar(data: bytes, folder: Path) -> object:
+    _written(folder, "a.wav.json", data)
+    return file.read(_written(folder, "a.wav", _audio()[0]))
+
+
+def _sound(data: bytes, folder: Path) -> object:
+    _written(folder, "a.wav.json", _audio()[1])
+    return file.read(_written(folder, "a.wav", data))
+
+
+@cache
+def _log() -> dict[str, bytes]:
+    scene = stimlib.Scene({"f": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "a.stimlog")
+        with NullSink(scene, 50.0, motion={"x": minimum_jerk()}, clocked=False, log=folder) as sink:
+            sink.open(8000)
+            sink.start(0.05)
+            sink.wait()
+        return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def _logged(part: str) -> Reader:
+    def read(data: bytes, folder: Path) -> object:
+        for name, good in _log().items():
+            _written(folder, name, data if name == part else good)
+        log = read_log(folder)
+        processor(log, target="python")
+        return log
+
+    return Reader(lambda: [_log()[part]], read)
+
+
+READERS: dict[str, Reader] = {
+    "csv": Reader(lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode()], _recording(".csv")),
+    "npz": Reader(_npz, _recording(".npz")),
+    "table": Reader(lambda: [TABLE.encode()], _table),
+    "scene": Reader(_scenes, _scene),
+    "sidecar": Reader(lambda: [_audio()[1]], _sidecar),
+    "audio": Reader(lambda: [_audio()[0]], _sound),
+    "session": _logged("session.json"),
+    "events": _logged("events.jsonl"),
+}
