@@ -30,9 +30,11 @@ test: lint
 	$(ENV) $(BIN)/python -m pytest -q -n 2
 
 # Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
+# Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
 	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices
+	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.
 soak: .venv/ready

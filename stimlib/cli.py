@@ -170,6 +170,16 @@ MAP = typer.Option(
 )
 WHERE = typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
 REPORTS = typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still).")
+TIME = typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
+REPEATS = typer.Option(
+    help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next stamp), "
+    "[bold]last[/] or [bold]mean[/]; by default they must be equal.",
+    show_default=False,
+)
+MAX_GAP = typer.Option(
+    help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to report.",
+    show_default=False,
+)
 MAX_SPEED = typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")
 
 
@@ -180,8 +190,24 @@ class Reports(StrEnum):
     on_change = "on_change"
 
 
+class Repeats(StrEnum):
+    """What several reports of a recording with one time stamp mean."""
+
+    spread = "spread"
+    last = "last"
+    mean = "mean"
+
+
 def _motions(
-    scene: Scene, texts: list[str], maps: list[str], where: str | None, reports: Reports, max_speed: float
+    scene: Scene,
+    texts: list[str],
+    maps: list[str],
+    where: str | None,
+    time: str,
+    reports: Reports,
+    repeats: Repeats | None,
+    max_speed: float,
+    max_gap: float | None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
     from .devices.motion import parse_motion
@@ -196,7 +222,16 @@ def _motions(
             if not maps:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
             rows = parse_where(where) if where else None
-            taken = recording(text, parse_map(maps), where=rows, reports=reports.value, max_speed=max_speed)
+            taken = recording(
+                text,
+                parse_map(maps),
+                where=rows,
+                time=time,
+                reports=reports.value,
+                repeats=None if repeats is None else repeats.value,
+                max_speed=max_speed,
+                max_gap=max_gap,
+            )
             motions |= taken.for_inputs(tuple(scene.inputs))
             seconds = taken.duration
         elif equals and name.strip() in scene.inputs:
@@ -217,8 +252,11 @@ def render_(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
+    time: Annotated[str, TIME] = "t_s",
     reports: Annotated[Reports, REPORTS] = Reports.always,
+    repeats: Annotated[Repeats | None, REPEATS] = None,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     set_: Annotated[
@@ -243,7 +281,7 @@ def render_(
 
         made = scene_of(scene)
         values = _live(set_)
-        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
         length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
@@ -338,8 +376,11 @@ def play(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
+    time: Annotated[str, TIME] = "t_s",
     reports: Annotated[Reports, REPORTS] = Reports.always,
+    repeats: Annotated[Repeats | None, REPEATS] = None,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
     peak: Annotated[float | None, PEAK] = None,
@@ -358,7 +399,7 @@ def play(
     """
     with _friendly(), _notes():
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
         options: dict[str, Any] = {
             "motion": motions,
             "seed": seed,
@@ -450,8 +491,11 @@ def loopback(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
+    time: Annotated[str, TIME] = "t_s",
     reports: Annotated[Reports, REPORTS] = Reports.always,
+    repeats: Annotated[Repeats | None, REPEATS] = None,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
     peak: Annotated[float | None, PEAK] = None,
@@ -469,7 +513,7 @@ def loopback(
         from .devices.loopback import loopback as compare
 
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, reports, max_speed)
+        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
         result = compare(
             made,
             _safety(full_scale, peak, static, slew),
@@ -500,8 +544,11 @@ def verify_(
     motion: Annotated[list[str], MOTION] = [],  # noqa: B006
     map_: Annotated[list[str], MAP] = [],  # noqa: B006
     where: Annotated[str | None, WHERE] = None,
+    time: Annotated[str, TIME] = "t_s",
     reports: Annotated[Reports, REPORTS] = Reports.always,
+    repeats: Annotated[Repeats | None, REPEATS] = None,
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
+    max_gap: Annotated[float | None, MAX_GAP] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
@@ -530,7 +577,7 @@ def verify_(
 
             made = scene_of(scene)
             if motion:
-                motions, _ = _motions(made, motion, map_, where, reports, max_speed)
+                motions, _ = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
             else:
                 motions = {name: parse_motion(text) for name, text in file.read(wav)[1]["motion"].items()}
             result = verify(made, motions, wav)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from ..units import unit
 KINDS = ("linear", "pchip", "cubic", "polynomial")
 MOST = 8  # knots of a polynomial
 OUTSIDE = ("hold", "zero", "error")
-STEEP = "lut: the values differ by more than the distance of their knots allows; check both units"
+STEEP = "lut: the knots are too unequal, or too close for their values; check both units"
 POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 
 
@@ -60,7 +61,8 @@ class Lut(Table):
 
     def design(self, fs):
         c = np.zeros((4, len(self.knots) - 1))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a system that scipy cannot solve to its digits
             try:
                 if self.kind == "linear":
                     c[2], c[3] = np.diff(self.values) / np.diff(self.knots), self.values[:-1]
@@ -69,7 +71,7 @@ class Lut(Table):
 
                     make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
                     c[:] = make(self.knots, self.values).c
-            except ValueError:  # what scipy says of slopes that are not finite
+            except (ValueError, RuntimeWarning):  # slopes that are not finite
                 c[:] = np.inf
         if not np.isfinite(c).all():
             raise BadValue(STEEP)

@@ -89,7 +89,7 @@ def _recording(suffix: str) -> Callable[[bytes, Path], object]:
             t = np.linspace(-0.1, 1.1, 7) * taken.duration
             motions = [taken.motion["x"], taken.motion["y"], taken.contact]
             assert all(np.isfinite(m(t)).all() for m in motions)
-        return taken or recording(path, {"x": "x_m"})
+        return recording(path, {"x": "x_m"}) if taken is None else taken
 
     return read
 
@@ -115,7 +115,7 @@ def _table(data: bytes, folder: Path) -> object:
             stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python").process(np.array([[0.0, 0.03, 1e3]]))
         except StimlibError:
             continue
-    return done or equalize(x, path)
+    return equalize(x, path) if done is None else done
 
 
 def _scene(data: bytes, folder: Path) -> object:
