@@ -30,7 +30,7 @@ def expression(what: str, text: str, names: Iterable[str]) -> Linear:
     Examples
     --------
     >>> expression("x", "(x_raw - 1472)*2e-5", ["t_s", "x_raw"])
-    Linear(column='x_raw', scale=2e-05, offset=-0.029440000000000004)
+    Linear(column='x_raw', scale=2e-05, offset=-0.02944)
     """
     text = text.strip()
     if text in names:

@@ -128,7 +128,7 @@ class _Part:
         values = [self.column(name)[self.part] for name in columns]
         if any(v.dtype.kind == "U" for v in values):
             raise ValueError
-        with np.errstate(over="ignore"):  # longer floats
+        with np.errstate(over="ignore", invalid="ignore"):  # longer floats, and what is none
             return np.array([v.astype(np.float64) for v in values])
 
     def texts(self, column: str) -> Sequence[str]:
