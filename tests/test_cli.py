@@ -411,6 +411,24 @@ def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
     assert not np.abs(last[-1]).max() > 0.01, "faded out"
 
 
+def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    log, out = tmp_path / "log.csv", tmp_path / "a.wav"
+    log.write_text("t_ms;x_mm\n0;1,0\n8;1,5\n8;2,0\n16;2,5\n24;3,0\n")
+    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", str(log), "--map", "x=x_mm*1e-3", "--out", str(out)]
+    for more, says in (
+        ([], "time needs column t_s"),
+        (["--time", "t_ms"], 'choose repeats="spread"'),
+        (["--time", "t_ms", "--repeats", "last"], 'time in ms? write time="t_ms*1e-3"'),
+    ):
+        done = run.invoke(app, [*words, *more])
+        assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
+    done = run.invoke(app, [*words, "--time", "t_ms*1e-3", "--repeats", "spread", "--max-gap", "0.1", "--subtype", "DOUBLE"])
+    assert done.exit_code == 0, done.output
+    y, sidecar = file.read(out)
+    assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9) and "repeats='spread'" in sidecar["motion"]["x"]
+
+
 def test_play_says_that_an_output_failed(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     words = [
