@@ -58,6 +58,7 @@ class Reader(NamedTuple):
 
 def attempt(name: str, data: bytes) -> object:
     """What a reader makes of these bytes; what is against the promise goes on as it is."""
+    READERS[name].seeds()  # some are made here by what may have to be compiled first
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         try:
