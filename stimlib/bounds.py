@@ -49,6 +49,14 @@ class Limits:
     """Points of a measured profile, each of which costs time where a scene is built."""
     sidecar_bytes: float = 256_000_000
     """Size of a sidecar, of a table in a file, and of what a log says first."""
+    audio_bytes: float = 16_000_000_000
+    """Size of a sound file that is read, and of its samples in memory."""
+    events_bytes: float = 256_000_000
+    """Size of the events of a log."""
+    log_samples: float = 1_000_000_000
+    """Samples of a session that are made again from its log."""
+    lost_samples: float = 30_000_000
+    """Samples that a log may declare to be lost, all in all: they cost the log nothing, and are made again too."""
 
     def __setattr__(self, name: str, value: float) -> None:
         if name not in {f.name for f in dc.fields(self)}:

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName
+from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName, shown
 from .files import regular
 from .scene import Scene, load
 
@@ -138,7 +138,7 @@ def _live(items: list[str]) -> dict[str, float]:
 def _say(what: str, text: Any) -> None:
     """One line on stderr, the text as it is."""
     errors.print(f"{what} ", end="")
-    errors.print(str(text), markup=False, highlight=False, soft_wrap=True)
+    errors.print(shown(text), markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
@@ -289,6 +289,10 @@ def render_(
         report = file.write(out, proc, motions, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
         if not quiet:
             print(report)
+            top = max(report.peak.values())
+            if full_scale is None and top > 1.0:
+                text = f"samples reach {top:.4g}, and players clip at 1: to listen, give --full-scale {1.01 * top:.3g}"
+                _say("[bold yellow]note:[/]", text)
         if picture is not None:
             from .checks.picture import picture as draw
 
@@ -679,8 +683,8 @@ def show(
         from .processor import compile
 
         made = scene_of(scene)
-        print(made)
-        print(compile(made, fs, target="python").plan)
+        print(shown(made))
+        print(shown(compile(made, fs, target="python").plan))
         if draw is not None:
             from .checks.draw import draw as draw_graph
 

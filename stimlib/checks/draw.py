@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError
+from ..errors import BadValue
+from ..files import regular
 from ..graph import Abs, Add, AtLeast, Const, Div, Equal, Greater, Guard, Input, Mul, Neg, NotEqual, Param, Sub, signals
 from ..lower import PARAMS, ROOT, Instance, Program, lower
 
@@ -89,10 +90,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
             "read the plan instead: print(stimlib.compile(scene, fs).plan)"
         )
     data = _render(_Picture(program), path.suffix.lower())
-    try:
-        path.write_bytes(data)
-    except OSError as e:
-        raise SinkError(f"cannot write {path}: {e.strerror}") from e
+    regular.publish(path, data)
 
 
 # What is drawn -------------------------------------------------------------------------------------------------------

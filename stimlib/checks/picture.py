@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import SinkError
+from ..files import regular
 from ..rendering import Rendering
 
 
@@ -54,10 +57,12 @@ def picture(rendering: Rendering, path: str | os.PathLike) -> None:
     ax.set(xlabel="frequency / Hz", ylabel="PSD / " + ", ".join(f"({u})²/Hz" for u in sorted(set(units.values()))))
     ax.grid(alpha=0.3, which="both")
     ax.legend(loc="upper right")
+    data = io.BytesIO()
     try:
-        fig.savefig(path, dpi=110)
-    except (OSError, ValueError) as e:
+        fig.savefig(data, dpi=110, format=Path(path).suffix[1:] or "png")
+    except ValueError as e:
         raise SinkError(f"cannot write the picture {path}: {e}") from e
+    regular.publish(path, data.getvalue())
 
 
 def _curves(ax, t, curves, units, what):

@@ -7,12 +7,12 @@ import io
 import os
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import SinkError
+from ..errors import shown
+from ..files import regular
 
 if TYPE_CHECKING:
     from .verify import Check, Evidence
@@ -63,14 +63,14 @@ class Report:
             table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:
             mark = Text("ok", "green") if c.passed else Text("FAILED", "bold red")
-            table.add_row(mark, Text(f"({c.group}) {c.name}"), f"{c.measured:.3g}", f"{c.limit:.3g}", Text(c.text))
+            table.add_row(mark, Text(shown(f"({c.group}) {c.name}")), f"{c.measured:.3g}", f"{c.limit:.3g}", Text(shown(c.text)))
         for text in self.evidence.skipped:
-            table.add_row(Text("-", "yellow"), Text("not checked"), "", "", Text(text))
+            table.add_row(Text("-", "yellow"), Text("not checked"), "", "", Text(shown(text)))
         return table
 
     def _what(self) -> str:
         e = self.evidence
-        return f"{e.source}, {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+        return shown(e.source) + f", {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.
@@ -86,15 +86,7 @@ class Report:
         SinkError
             The file cannot be written.
         """
-        path = Path(path)
-        part = path.with_name(path.name + ".part")
-        try:
-            part.write_text(_page(self, command), encoding="utf-8")
-            os.replace(part, path)
-        except OSError as e:
-            if part.parent.is_dir():
-                part.unlink(missing_ok=True)
-            raise SinkError(f"cannot write the report {path}: {e.strerror}") from e
+        regular.publish(path, _page(self, command))
 
 
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -105,7 +97,11 @@ h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}code{back
 
 
 def _page(r: Report, command: str | None) -> str:
-    e, q = r.evidence, html.escape
+    e = r.evidence
+
+    def q(text: object) -> str:
+        return html.escape(shown(text))
+
     verdict = '<span class="ok">passed</span>' if r.passed else '<span class="bad">FAILED</span>'
     rows = []
     for group, title in GROUPS.items():

@@ -6,6 +6,7 @@ import dataclasses as dc
 
 import numpy as np
 
+from ..bounds import limits
 from ..devices.log import Hashes, Log, blocks, changed_motion, delivered, motion_of, processor
 from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
@@ -61,6 +62,8 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
 
 def _evidence(log: Log) -> Evidence:
     augmented, found = _with_taps(log.scene, log.fs)
+    rows = len(augmented.outputs) + 5 * len(log.outputs) + 2 * len(log.inputs)  # what is kept below and while it is compared
+    limits.check("render_bytes", 8.0 * rows * log.frames, f"{log.folder}: bytes of the samples to verify", SinkError)
     seen = np.hstack([y for _, y in blocks(log, processor(log, augmented))])
     shown = np.hstack([y for _, y in blocks(log, processor(log, log.scene))])
     proc = processor(log, log.scene)

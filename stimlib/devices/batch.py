@@ -13,6 +13,7 @@ from typing import Any
 
 from ..blocks.noise import noise_key
 from ..errors import BadValue, SinkError
+from ..files import regular
 from ..processor import compile
 from ..scene import Scene
 from . import file
@@ -114,8 +115,8 @@ def render_set(
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as e:
-        raise SinkError(f"cannot make the folder {folder}: {e.strerror}") from e
+    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
+        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}") from e
     jobs = {
         name: (folder / (name + suffix), scene.to_dict(), dict(motion), seconds, fs, seed, full_scale)
         for name, scene in scenes.items()
@@ -148,9 +149,7 @@ def render_set(
         "presentation": [[names[i] for i in one] for one in order(len(names), repetitions, seed)],
     }
     path = folder / "index.json"
-    part = path.with_name("index.json.part")
-    part.write_text(json.dumps(index, indent=1) + "\n")
-    os.replace(part, path)
+    regular.publish(path, json.dumps(index, indent=1) + "\n")
     return path
 
 

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import BadValue, FaultError, SinkError, UnitError
+from ..bounds import limits
+from ..errors import BadValue, FaultError, SinkError, UnitError, shown
+from ..files import fields, regular
 from ..processor import Processor
 from ..rendering import check_names, frames_of, pull, sources_of, warn_beyond
+from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
 Array = NDArray[np.float64]
 
@@ -40,12 +43,36 @@ FORMATS = {
 }
 BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
 MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
-PIECE = 0.25  # s of signal that is written at once, at most: what a killed run can lose
-UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
+STEP = 0.25  # s of signal that is written at once, at most: what a killed run can lose
 # NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all is there
 JOURNAL = {"FLAC": "CAF"}
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
+
+_COUNT = fields.whole(2**53)
+_CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}
+_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.not_negative}
+BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being written
+    "stimlib": fields.text,
+    "format": fields.one_of(*FORMATS),
+    "subtype": fields.one_of(*BYTES),
+    "fs": fields.between(1, 2**31 - 1),
+    "frames": _COUNT,
+    "channels": fields.list_of(fields.record(_CHANNEL)),
+    "seed": fields.whole(2**64 - 1),
+    "params": fields.table_of(fields.number),
+    "index": _COUNT,
+    "log": fields.list_of(fields.record(_CHANGE)),
+    "motion": fields.table_of(fields.text),
+    "scene": fields.table,
+    "scene_hash": fields.text,
+}
+DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
+    "channels": fields.list_of(fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})),
+    "sha256": fields.maybe(fields.text),
+    "versions": fields.table_of(fields.maybe(fields.text)),
+    "file_sha256": fields.text,
+}
 
 
 @dataclass(frozen=True)
@@ -85,7 +112,7 @@ class FileReport:
         peaks = ", ".join(f"{name} {value:.4g}" for name, value in self.peak.items())
         clips = ", ".join(f"{name} {count}" for name, count in self.clips.items() if count)
         line = f"{self.path}: {self.frames} frames, {self.seconds:.6g} s, peak {peaks}"
-        return line + (f", samples clipped: {clips}" if clips else "")
+        return shown(line + (f", samples clipped: {clips}" if clips else ""))
 
 
 def write(
@@ -107,9 +134,9 @@ def write(
     are value / full_scale: rounded once to float32 in FLOAT, as they are in DOUBLE. In FLAC they are the 24-bit codes
     rint(value / full_scale * 2**23), half to even, limited to -2**23 .. 2**23 - 1; the samples limited are counted.
 
-    Memory does not grow with the duration. If anything fails, or on an interrupt, whatever was at ``path`` before is
-    still there and nothing is left beside it. A run that is killed outright leaves ``path`` + ".part", of which `recover`
-    makes a file; it lacks a quarter of a second at most.
+    Memory does not grow with the duration. What was written is read back and compared before it gets its name. If anything
+    fails, or on an interrupt, whatever was at ``path`` before is still there and nothing is left beside it. A run that is
+    killed outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks a quarter of a second at most.
 
     Parameters
     ----------
@@ -135,7 +162,8 @@ def write(
     progress : bool or "always"
         A progress bar on stderr: True if that is a terminal, "always" even if not, False never.
     overwrite : bool
-        Whether a file that exists may be replaced.
+        Whether a file that exists may be replaced; a link there is replaced, not followed. If not, a file that comes while
+        this one is written is left alone too.
 
     Returns
     -------
@@ -151,7 +179,8 @@ def write(
         One full scale for outputs with different units.
     SinkError
         The place cannot be written, or is just being written by another run; the disk is full; the format cannot hold the
-        signal.
+        signal; another program changed the file while it was written; a link or a pipe has one of the names NAME.part,
+        NAME.part.json, NAME.new.part and NAME.json.part.
     FaultError
         The processor reports a fault; no file is written.
 
@@ -201,12 +230,12 @@ def write(
         "scene": proc.scene.to_dict(),
         "scene_hash": proc.scene.hash,
     }
-    step = min(int(block), max(1, int(PIECE * proc.fs)))
+    step = min(int(block), max(1, int(STEP * proc.fs)))
 
-    def run() -> tuple[NDArray[np.int64], Array, str]:
-        return _run(path, proc, sources, frames, format, subtype, scales, step, progress)
+    def run(draft: Draft) -> tuple[NDArray[np.int64], Array, str]:
+        return _run(draft, proc, sources, frames, subtype, scales, step, progress)
 
-    return _whole(path, info, run)
+    return _whole(path, info, run, overwrite)
 
 
 def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]) -> FileReport:
@@ -218,7 +247,8 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
         With a suffix of a format that holds floats.
     blocks : iterable of ndarray of float32, shape (n, channels)
     info : dict
-        The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it is completed here.
+        The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it is completed here, as that of a file
+        without a scene.
 
     Returns
     -------
@@ -243,42 +273,53 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     fs, frames, names = info["fs"], info["frames"], [c["name"] for c in info["channels"]]
     _check_format(format, subtype, fs, len(names), frames)
     _check_place(path, _sidecar(path), True)
-    info = {"format": format, "subtype": subtype} | info
+    blank: dict[str, Any] = {"stimlib": __version__, "format": format, "subtype": subtype, "seed": 0, "params": {}, "index": 0}
+    blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": ""}
     scales = np.array([c["full_scale"] for c in info["channels"]])
 
-    def run() -> tuple[NDArray[np.int64], Array, None]:
-        at, done, peak = _part(path), 0, np.zeros(len(names))
-        last: NDArray[Any] = np.empty((0, len(names)), np.float32)
-        with _audio(path, at, int(fs), len(names), format, subtype) as f:
-            for last in blocks:
-                done += len(last)
-                _put(f, path, at, last, done)
-                peak = np.maximum(peak, np.abs(last).max(axis=0, initial=0.0) * scales)
-        _check_end(path, at, frames, last)
+    def run(draft: Draft) -> tuple[NDArray[np.int64], Array, None]:
+        peak = np.zeros(len(names))
+        for part in blocks:
+            draft.put(part)
+            peak = np.maximum(peak, np.abs(part).max(axis=0, initial=0.0) * scales)
         return np.zeros(len(names), dtype=np.int64), peak, None
 
-    return _whole(path, info, run)
+    return _whole(path, blank | info, run, True)
 
 
-def _whole(path: Path, info: dict[str, Any], run: Callable[[], tuple[NDArray[np.int64], Array, str | None]]) -> FileReport:
-    """Let run write NAME.part, and put it and its sidecar to their places, or nothing."""
-    part = _part(path)
+Run = Callable[[Draft], tuple[NDArray[np.int64], Array, str | None]]
+
+
+def _whole(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
+    """Let run fill NAME.part, and put it and its sidecar to their places, or nothing."""
+    part, format = _part(path), info["format"]
     try:
-        with _locked(path) as begun:
+        with _locked(path) as begun, ExitStack() as stack:
             _remove(_new(path), _part(_sidecar(path)))  # of a run that was killed
-            with _disk(path, begun):
-                begun.write_bytes(_text(info))
-            clips, peak, info["sha256"] = run()
+            with disk(path):
+                fill(begun, _text(info))
+            draft = stack.enter_context(_draft(path, part, info, JOURNAL.get(format, format)))
+            clips, peak, info["sha256"] = run(draft)
+            if draft.frames != info["frames"]:
+                raise SinkError(f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told")
             for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}
-            if info["format"] in JOURNAL:
-                _copy(part, path, info)
-            _move(path, info)
-            _remove(part, begun)
+            if format in JOURNAL:
+                draft.finish()
+                coded = stack.enter_context(_draft(path, _new(path), info, format))
+                _copy(part, draft.raw, coded, info)
+                draft.same(coded)
+                draft = coded
+            _move(draft, path, info, overwrite)
+            _remove(part, _sidecar(part))
     except BaseException:
         _clean(path)
         raise
     return _report(path, info)
+
+
+def _draft(path: Path, at: Path, info: dict[str, Any], format: str) -> Draft:
+    return Draft(path, at, int(info["fs"]), len(info["channels"]), format, info["subtype"])
 
 
 def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> FileReport:
@@ -314,7 +355,6 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
     Traceback (most recent call last):
     stimlib.errors.SinkError: nothing to recover: there is no missing.wav.part
     """
-    sf = _soundfile()
     path = Path(path)
     if path.suffix == ".part":
         path = path.with_suffix("")
@@ -323,39 +363,50 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
         raise SinkError(f"{to} must end in {path.suffix!r}, as the file that was to be written")
     if (done := _finish_move(path)) is not None:
         return done
-    part = _part(path)
-    if not part.is_file():
-        log = "; a log needs nothing, see stimlib replay" if (path / "session.json").is_file() else ""
+    part, sidecar = _part(path), _sidecar(_part(path))
+    if not os.path.lexists(part):
+        log = "; a log needs nothing, see stimlib replay" if os.path.isfile(path / "session.json") else ""
         raise SinkError(f"nothing to recover: there is no {part}{log}")
-    _load_sidecar(part, _sidecar(part), begun=True)
-    with _locked(path):
-        info = _load_sidecar(part, _sidecar(part), begun=True)
+    _load_sidecar(part, sidecar, BEGUN)
+    with _locked(path), ExitStack() as stack:
+        info = _load_sidecar(part, sidecar, BEGUN)
         _check_place(to, _sidecar(to), overwrite)
-        channels = info["channels"]
+        raw = stack.enter_context(open(regular.opened(part, os.O_RDWR), "rb", buffering=0))
+        info |= {"sha256": None, "recovered": {"frames": info["frames"]}, "frames": _frames_left(part, raw, info)}
+        draft = stack.enter_context(_draft(to, _new(to), info, info["format"]))
         try:
-            with sf.SoundFile(part) as f:
-                found = (f.samplerate, f.channels, f.format, f.subtype)
-                wanted = (info["fs"], len(channels), JOURNAL.get(info["format"], info["format"]), info["subtype"])
-                if found != wanted:
-                    raise SinkError(f"{_sidecar(part)} does not belong to {part}: it says {wanted}, the file is {found}")
-                frames = f.frames
-        except sf.SoundFileError as error:
-            raise SinkError(f"nothing to recover: {part} has no samples yet, or was damaged ({error}); remove it") from error
-        if not 0 < frames <= info["frames"]:
-            raise SinkError(f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it")
-        info |= {"sha256": None, "recovered": {"frames": info["frames"]}, "frames": frames}
-        try:
-            peak = _copy(part, to, info)
-            for c, largest in zip(channels, peak, strict=True):
+            peak = _copy(part, raw, draft, info)
+            for c, largest in zip(info["channels"], peak, strict=True):
                 c |= {"clips": None if info["subtype"] == "PCM_24" else 0, "peak": float(largest)}
-            _move(to, info)
-        except BaseException as error:
+            _move(draft, to, info, overwrite)
+        except BaseException:
             _remove(_new(to), _part(_sidecar(to)))
-            if isinstance(error, sf.SoundFileError):
-                raise SinkError(f"{part} cannot be read to its end, it was damaged ({error})") from error
             raise
-        _remove(part, _sidecar(part))
+        _remove(part, sidecar)
     return _report(to, info)
+
+
+def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
+    """Frames of an open file that a run left, which must be of the kind that its sidecar says."""
+    try:
+        with reading(raw) as f:
+            found = (f.samplerate, f.channels, f.format, f.subtype)
+            frames = int(f.frames)
+    except soundfile().SoundFileError as e:
+        raise SinkError(f"nothing to recover: {part} has no samples yet, or was damaged ({reason(e)}); remove it") from e
+    wanted = (info["fs"], len(info["channels"]), JOURNAL.get(info["format"], info["format"]), info["subtype"])
+    if found != wanted:
+        raise SinkError(f"{_sidecar(part)} does not belong to {part}: it says {wanted}, the file is {found}")
+    if not 0 < frames <= info["frames"]:
+        raise SinkError(f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it")
+    _check_size(part, raw, frames, len(info["channels"]))
+    return frames
+
+
+def _check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
+    """Neither the bytes of a file nor those of its samples in memory may be more than is meant."""
+    limits.check("audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError)
+    limits.check("audio_bytes", os.fstat(raw.fileno()).st_size, f"{path}: bytes", SinkError)
 
 
 def _report(path: Path, info: dict[str, Any]) -> FileReport:
@@ -397,18 +448,17 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     Traceback (most recent call last):
     stimlib.errors.SinkError: there is no file missing.wav
     """
-    sf = _soundfile()
     path = Path(path)
     sidecar = _sidecar(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SinkError(f"there is no file {path}{_hint(path)}")
     info = _load_sidecar(path, sidecar)
-    frames, channels = info["frames"], info["channels"]
+    frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
     try:
-        with sf.SoundFile(path) as f:
-            if (f.samplerate, f.channels) != (info["fs"], len(channels)):
+        with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+            if (f.samplerate, f.channels) != (info["fs"], len(scales)):
                 raise SinkError(
-                    f"{sidecar} does not belong to {path}: it says {len(channels)} channels at {info['fs']:g} Hz, "
+                    f"{sidecar} does not belong to {path}: it says {len(scales)} channels at {info['fs']:g} Hz, "
                     f"the file has {f.channels} at {f.samplerate} Hz"
                 )
             # a FLAC file whose end was never written says 2**63 - 1 frames
@@ -416,15 +466,33 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
                 raise SinkError(f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer")
             if f.frames > frames:
                 raise SinkError(f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}")
-            integer = f.subtype == "PCM_24"
-            samples = f.read(dtype="int32" if integer else "float64", always_2d=True)
-    except sf.SoundFileError as error:
-        raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({error})") from error
-    if len(samples) != frames:
-        raise SinkError(f"{path} is truncated: {sidecar} says {frames} frames, {len(samples)} can be read")
-    if _file_sha256(path) != info["file_sha256"]:
-        raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs{_hint(path)}")
-    return _physical(samples, np.array([c["full_scale"] for c in channels])), info
+            _check_size(path, raw, frames, len(scales))
+            if sha256(raw) != info["file_sha256"]:
+                raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs{_hint(path)}")
+            if f.subtype != info["subtype"]:
+                raise SinkError(f"{sidecar} does not belong to {path}: {info['subtype']} against {f.subtype}")
+            return _samples(path, f, scales, frames), info
+    except soundfile().SoundFileError as e:
+        raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
+
+
+def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:
+    """All samples of an open sound in physical units, (n_outputs, frames)."""
+    try:
+        y = np.empty((len(scales), frames))
+    except MemoryError:
+        raise SinkError(f"{path}: {frames} frames of {len(scales)} channels do not fit into memory") from None
+    at = 0
+    while at < frames:
+        part = f.read(PIECE, dtype="int32" if f.subtype == "PCM_24" else "float64", always_2d=True)
+        if not len(part):
+            raise SinkError(f"{path} is truncated: {frames} frames wanted, {at} can be read")
+        with np.errstate(over="ignore", invalid="ignore"):
+            y[:, at : at + len(part)] = _physical(part, scales)
+        at += len(part)
+    if not np.isfinite(y).all():
+        raise SinkError(f"{path} has samples that are not finite: stimlib did not write it")
+    return y
 
 
 def stored(y: Array, sidecar: dict[str, Any]) -> Array:
@@ -479,10 +547,6 @@ def _remove(*paths: Path) -> None:
             p.unlink()
 
 
-def _soundfile() -> Any:
-    return import_module("soundfile")  # here and not above: it loads a shared library
-
-
 def _format(path: Path, format: str | None, subtype: str | None) -> tuple[str, str]:
     name = (path.suffix[1:] if format is None else str(format).lstrip(".")).upper()
     if name not in FORMATS:
@@ -512,15 +576,17 @@ def _check_format(format: str, subtype: str, fs: float, channels: int, frames: i
 
 
 def _check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
-    if not path.name or path.is_dir():
+    if not path.name or os.path.isdir(path):
         raise SinkError(f"{path} is a folder; give the name of a file in it")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise SinkError(f"there is no folder {path.parent}; make it first")
     for p in (path, sidecar):
-        if p.exists() and not p.is_file():
+        if os.path.exists(p) and not os.path.isfile(p):
             raise SinkError(f"{p} is there and not an ordinary file")
-        if p.exists() and not overwrite:
+        if os.path.lexists(p) and not overwrite:
             raise SinkError(f"{p} is there already, and overwrite=False")
+    for p in (_part(path), _sidecar(_part(path)), _new(path), _part(sidecar)):
+        regular.check(p)
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise SinkError(f"folder {path.parent} is not writable")
 
@@ -552,11 +618,10 @@ def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor
 
 
 def _run(
-    path: Path,
+    draft: Draft,
     proc: Processor,
     sources: dict[str, Any],
     frames: int,
-    format: str,
     subtype: str,
     scales: Array,
     block: int,
@@ -567,101 +632,41 @@ def _run(
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
-    last: NDArray[Any] = np.empty((0, len(outputs)))
-    at, done = _part(path), 0
-    now = JOURNAL.get(format, format)
-    with _bar(frames, progress) as advance, _audio(path, at, int(fs), len(outputs), now, subtype) as f:
+    with _bar(frames, progress) as advance:
         for y in pull(proc, sources, frames, block):
-            done += y.shape[1]
             if proc.fault is not None:
                 name, index = proc.fault
                 index -= first
-                raise FaultError(f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {path} was not written")
+                raise FaultError(
+                    f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {draft.path} was not written"
+                )
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
-            last, clipped = _encode(y, scales, subtype, outputs)
+            samples, clipped = _encode(y, scales, subtype, outputs)
             clips += clipped
-            _put(f, path, at, last, done)
+            draft.put(samples)
             advance(y.shape[1])
-    _check_end(path, at, frames, last)
     return clips, peak, digest.hexdigest()
 
 
-@contextmanager
-def _audio(path: Path, at: Path, fs: int, channels: int, format: str, subtype: str) -> Iterator[Any]:
-    """The audio file at its place for now, open for writing, its header right after every write."""
-    sf = _soundfile()
-    with _disk(path, at):
-        at.write_bytes(b"")  # tells why not, if it cannot; libsndfile says "System error" only
-        f = sf.SoundFile(at, "w", samplerate=fs, channels=channels, subtype=subtype, format=format)
-        sf._snd.sf_command(f._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
+def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
+    """Put the frames of an open file that info tells into a draft; the peak per output."""
+    frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
+    peak = np.zeros(len(scales))
     try:
-        yield f
-    except BaseException:
-        with suppress(sf.SoundFileError):  # the first error is the one to report
-            f.close()
-        raise
-    with _disk(path, at):
-        f.close()
-        _undate(at)
-
-
-def _put(f: Any, path: Path, at: Path, samples: NDArray[Any], done: int) -> None:
-    """Append samples (n, channels); the file has done frames then."""
-    with _disk(path, at):
-        f.write(samples)
-        if f.frames != done:
-            raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
-
-
-def _copy(source: Path, path: Path, info: dict[str, Any]) -> Array:
-    """The frames of source that info tells, in their final format, as _new(path); the peak per output."""
-    sf, at, done = _soundfile(), _new(path), 0
-    frames, channels = info["frames"], len(info["channels"])
-    scales = np.array([c["full_scale"] for c in info["channels"]])
-    peak = np.zeros(channels)
-    kind = {"PCM_24": "int32", "FLOAT": "float32", "DOUBLE": "float64"}[info["subtype"]]
-    last: NDArray[Any] = np.empty((0, channels), dtype=kind)
-    with sf.SoundFile(source) as f, _audio(path, at, int(info["fs"]), channels, info["format"], info["subtype"]) as g:
-        while done < frames:
-            last = f.read(min(8192, frames - done), dtype=kind, always_2d=True)
-            if not len(last):
-                raise SinkError(f"{source} is truncated: {frames} frames wanted, {done} can be read")
-            done += len(last)
-            _put(g, path, at, last, done)
-            peak = np.maximum(peak, np.abs(_physical(last.astype(float) if kind == "float32" else last, scales)).max(axis=1))
-    _check_end(path, at, frames, last)
+        with reading(raw) as f:
+            while draft.frames < frames:
+                part = f.read(min(8192, frames - draft.frames), dtype=TYPES[info["subtype"]], always_2d=True)
+                if not len(part):
+                    raise SinkError(f"{source} is truncated: {frames} frames wanted, {draft.frames} can be read")
+                draft.put(part)
+                values = _physical(part if part.dtype == np.int32 else part.astype(float), scales)
+                peak = np.maximum(peak, np.abs(values).max(axis=1))
+    except soundfile().SoundFileError as e:
+        raise SinkError(f"{source} cannot be read to its end, it was damaged ({reason(e)})") from e
+    if not np.isfinite(peak).all():
+        raise SinkError(f"{source} has samples that are not finite: it was damaged")
     return peak
-
-
-def _undate(path: Path) -> None:
-    """Set the date in the PEAK chunk of a WAV or RF64 file to 0.
-
-    libsndfile has a command that leaves the chunk out, but does not obey it in RF64.
-    """
-    with open(path, "rb+") as f:
-        head = f.read(12)
-        while head[:4] in (b"RIFF", b"RF64"):
-            name, size = f.read(4), int.from_bytes(f.read(4), "little")
-            if name == b"PEAK":
-                f.seek(4, os.SEEK_CUR)  # the chunk's version
-                f.write(bytes(4))
-            if name in (b"PEAK", b"data", b""):
-                break
-            f.seek(size + size % 2, os.SEEK_CUR)
-
-
-def _check_end(path: Path, at: Path, frames: int, last: NDArray[Any]) -> None:
-    """The file has all frames and ends with the samples last written.
-
-    libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent.
-    """
-    with _disk(path, at), _soundfile().SoundFile(at) as f:
-        if f.frames != frames:
-            raise AssertionError("the file is too short")
-        f.seek(frames - len(last))
-        if not np.array_equal(f.read(dtype=last.dtype.name, always_2d=True), last):
-            raise AssertionError("the file does not end with the last samples")
 
 
 def _encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> tuple[NDArray[Any], NDArray[np.int64]]:
@@ -678,30 +683,6 @@ def _encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> 
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
         raise SinkError(f"output {name} / full_scale is too large for {subtype}: use a larger full_scale")
     return samples, np.zeros(len(outputs), dtype=np.int64)
-
-
-@contextmanager
-def _disk(path: Path, at: Path) -> Iterator[None]:
-    """What goes wrong inside is an error of the disk or of libsndfile, not of the processor or the motion."""
-    try:
-        yield
-    except SinkError:
-        raise
-    except OSError as error:
-        raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
-    except (_soundfile().SoundFileError, AssertionError) as error:
-        raise SinkError(f"cannot write {path}: {_reason(at) or error}") from error
-
-
-def _reason(at: Path) -> str | None:
-    """Why the system does not let us write; libsndfile keeps it to itself, so try again without it."""
-    try:
-        with open(at, "ab", buffering=0) as f:
-            for _ in range(64):
-                f.write(bytes(65536))
-    except OSError as error:
-        return error.strerror
-    return None
 
 
 @contextmanager
@@ -728,28 +709,23 @@ def _describe(source: Any) -> str:
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
 
 
-def _load_sidecar(path: Path, sidecar: Path, begun: bool = False) -> dict[str, Any]:
-    """What a sidecar says; begun: that of a file that was never finished."""
-    if not sidecar.is_file():
+def _load_sidecar(path: Path, sidecar: Path, tests: Mapping[str, fields.Test] = DONE) -> dict[str, Any]:
+    """What a sidecar says, checked."""
+    if not os.path.lexists(sidecar):
         raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known{_hint(path)}")
     try:
-        info: dict[str, Any] = json.loads(sidecar.read_bytes())
-        _text(info)  # only finite numbers
-        typed = [(info["frames"], int), (info["fs"], float)] + ([] if begun else [(info["file_sha256"], str)])
-        for c in info["channels"]:
-            typed += [(c["name"], str), (c["unit"], str), (c["full_scale"], float)]
-        if not all(isinstance(value, kind) for value, kind in typed):
-            raise TypeError("a value has the wrong type")
-        if begun and info["subtype"] not in FORMATS[info["format"]]:
-            raise ValueError("a subtype that the format does not have")
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote") from error
+        info = fields.parse(regular.read(sidecar, "sidecar_bytes"))
+        fields.require(info, tests)
+        if info["subtype"] not in FORMATS[info["format"]] or not info["channels"] or info["fs"] != int(info["fs"]):
+            raise ValueError("there is no file of that format, subtype, fs and channels")
+    except ValueError as e:
+        raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e
     return info
 
 
 def _hint(path: Path) -> str:
     """What to do where a run that was killed left something."""
-    left = next((p for p in (_part(path), _part(_sidecar(path))) if p.is_file()), None)
+    left = next((p for p in (_part(path), _part(_sidecar(path))) if os.path.isfile(p)), None)
     return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
 
 
@@ -763,66 +739,71 @@ def _text(info: dict[str, Any]) -> bytes:
 def _clean(path: Path) -> None:
     """Remove what a run that failed left beside its place, if it is not another run's."""
     begun = _sidecar(_part(path))
-    with suppress(OSError), open(begun, "rb") as f:
+    with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
         if _lock(f):
             _remove(_part(path), _new(path), _part(_sidecar(path)), begun)
 
 
-def _move(path: Path, info: dict[str, Any]) -> None:
-    """A complete file and its sidecar to their places."""
-    sidecar, ready = _sidecar(path), _new(path) if _new(path).exists() else _part(path)
-    sidecar_part = _part(sidecar)
+def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> None:
+    """A file and its sidecar to their places, when it has been proven."""
+    sidecar, ready = _sidecar(path), _part(_sidecar(path))
+    info["versions"], info["file_sha256"] = _versions(), draft.seal()
     complete = False
-    info["versions"] = _versions()
     try:
-        with _disk(path, sidecar_part):
-            _sync(ready)
-            info["file_sha256"] = _file_sha256(ready)
-            sidecar_part.write_bytes(_text(info))
-            _sync(sidecar_part)
+        with disk(path):
+            with open(regular.create(ready), "r+b", buffering=0) as f:
+                fill(f, _text(info))
+                os.fsync(f.fileno())
             complete = True
-            os.replace(ready, path)
-            os.replace(sidecar_part, sidecar)
-            _sync_folder(path.parent)
+            draft.move(path, overwrite)
+            try:
+                move(ready, sidecar, overwrite)
+            except SinkError:
+                os.unlink(path)  # ours, and nothing without its sidecar
+                raise
+            regular.settle(path.parent)
     except BaseException:
         with suppress(OSError):
-            if complete and not ready.exists():  # interrupted between the moves: the first cannot be taken back
-                os.replace(sidecar_part, sidecar)
+            if complete and draft.is_at(path):  # interrupted between the moves: the first cannot be taken back
+                move(ready, sidecar, overwrite)
         raise
 
 
 def _finish_move(path: Path) -> FileReport | None:
     """Of a run that was killed between the two moves, do the second."""
-    sidecar_part = _part(_sidecar(path))
-    if not (path.is_file() and sidecar_part.is_file()):
+    ready = _part(_sidecar(path))
+    if not (os.path.isfile(path) and os.path.isfile(ready)):
         return None
     try:
-        info = _load_sidecar(path, sidecar_part)
+        info = _load_sidecar(path, ready)
+        with open(regular.opened(path), "rb", buffering=0) as raw:
+            _check_size(path, raw, info["frames"], len(info["channels"]))
+            if sha256(raw) != info["file_sha256"]:
+                return None
     except SinkError:
         return None
-    if _file_sha256(path) != info["file_sha256"]:
-        return None
     with _locked(path):
-        with _disk(path, sidecar_part):
-            os.replace(sidecar_part, _sidecar(path))
+        with disk(path):
+            regular.check(ready)
+            os.replace(ready, _sidecar(path))
         _remove(_part(path), _sidecar(_part(path)))
     return _report(path, info)
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[Path]:
-    """NAME.part.json, held by us alone as long as we are at it; the system lets go of it when we are killed."""
+def _locked(path: Path) -> Iterator[Any]:
+    """NAME.part.json, open and held by us alone as long as we are at it; the system lets go of it when we are killed."""
     sidecar = _sidecar(_part(path))
     with ExitStack() as stack:
-        with _disk(path, sidecar):
+        with disk(path):
             while True:
-                f = stack.enter_context(open(sidecar, "ab"))
+                f = stack.enter_context(open(regular.opened(sidecar, os.O_RDWR | os.O_CREAT), "r+b", buffering=0))
                 if not _lock(f):
                     raise SinkError(f"{path} is being written by another run")
                 with suppress(FileNotFoundError):  # whoever had it just removed it
-                    if os.fstat(f.fileno()).st_ino == sidecar.stat().st_ino:
+                    if os.path.samestat(os.fstat(f.fileno()), os.lstat(sidecar)):
                         break
-        yield sidecar
+        yield f
 
 
 def _lock(f: Any) -> bool:
@@ -840,27 +821,6 @@ def _lock(f: Any) -> bool:
     return True
 
 
-def _sync(path: Path) -> None:
-    with open(path, "rb+") as f:
-        os.fsync(f.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    """The new names are on the disk too, where the system can do that."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            with suppress(OSError):
-                os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-def _file_sha256(path: Path) -> str:
-    with open(path, "rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()
-
-
 def _version(package: str) -> str | None:
     try:
         return metadata.version(package)
@@ -869,7 +829,7 @@ def _version(package: str) -> str | None:
 
 
 def _versions() -> dict[str, str | None]:
-    sf = _soundfile()
+    sf = soundfile()
     return {
         "numpy": np.__version__,
         "numba": _version("numba"),

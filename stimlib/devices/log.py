@@ -33,33 +33,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import BadValue, SceneError, SinkError, StimlibError
+from ..bounds import limits
+from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
+from ..files import fields, regular
 from ..processor import Processor
 from ..scene import Scene
 from . import file
+from .draft import Draft
 from .safety import GAIN, Safety, protect, to_device
 
 SPAN = 0.25  # s of delivered samples under one hash
 MAX_INDEX = 2**53  # beyond, a float no longer tells two samples apart
 MAX_LOST = 86400.0  # s in one stretch; nobody plays on after that
-MAX_JSON = 1 << 28  # bytes of session.json
 MAX_LINE = 1 << 20  # bytes of one event
-FIELDS: dict[str, type | tuple[type, ...]] = {
-    "stimlib": str,
-    "versions": dict,
-    "scene": dict,
-    "scene_hash": str,
-    "fs": (int, float),
-    "seed": int,
-    "params": dict,
-    "safety": dict,
-    "inputs": list,
-    "outputs": list,
-    "units": dict,
-    "channels": list,
-    "device": str,
-    "block": int,
-    "started": str,
+
+_COUNT = fields.whole(MAX_INDEX)
+FIELDS: dict[str, fields.Test] = {
+    "stimlib": fields.text,
+    "versions": fields.table,
+    "scene": fields.table,
+    "scene_hash": fields.text,
+    "fs": fields.between(1, 1e7),  # Hz
+    "seed": fields.whole(2**64 - 1),
+    "params": fields.table_of(fields.number),
+    "safety": fields.table,
+    "inputs": fields.list_of(fields.text),
+    "outputs": fields.list_of(fields.text),
+    "units": fields.table_of(fields.text),
+    "channels": fields.list_of(fields.maybe(fields.text)),
+    "device": fields.text,
+    "block": _COUNT,
+    "started": fields.text,
+}
+_HASH = fields.Test("64 hex digits", lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef"))
+_RAMP = fields.Test("a number of samples", lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v))
+EVENTS: dict[str, dict[str, fields.Test]] = {
+    "set": {"name": fields.text, "value": fields.number, "ramp": _RAMP},
+    "hash": {"to": _COUNT, "sha256": _HASH},
+    "motion": {"to": _COUNT, "sha256": _HASH},
+    "lost": {"frames": _COUNT},
+    "gap": {"frames": _COUNT},
 }
 
 
@@ -135,23 +148,24 @@ class LogWriter:
         self._digest, self._seen = hashlib.sha256(), hashlib.sha256()
         self._jumps: list[dict[str, Any]] = []  # frames that are lost, ahead of what was delivered
         self._error: SinkError | None = None
+        self._record: Draft | None = None
         self._open = ExitStack()
         try:
             self.folder.mkdir(exist_ok=True)
             if any(self.folder.iterdir()):
                 raise SinkError(f"{self.folder} is there already and not empty: give each session a log of its own")
-            _publish(self.folder / "session.json", json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n")
+            text = json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n"
+            regular.publish(self.folder / "session.json", text)
             self._events = self._open.enter_context(open(self.folder / "events.jsonl", "xb", buffering=0))
             self._motion = self._open.enter_context(open(self.folder / "motion.f64", "xb", buffering=0)) if self._inputs else None
             if record:
                 at = self.folder / "delivered.caf"
-                sound = file._audio(at, at, round(self._head.fs), self._channels, "CAF", "FLOAT")
-                self._record = self._open.enter_context(sound)
-            else:
-                self._record = None
-        except OSError as e:
+                self._record = self._open.enter_context(Draft(at, at, round(self._head.fs), self._channels, "CAF", "FLOAT"))
+        except (OSError, ValueError) as e:
             self._open.close()
-            raise e if isinstance(e, SinkError) else SinkError(f"cannot make the log {self.folder}: {e.strerror}") from e
+            if isinstance(e, StimlibError):
+                raise
+            raise SinkError(f"cannot make the log {self.folder}: {getattr(e, 'strerror', None) or e}") from e
 
     def __enter__(self) -> LogWriter:
         return self
@@ -182,8 +196,8 @@ class LogWriter:
         if self._record is not None and len(frames):
             self._check()
             try:
-                self._record.write(frames)
-            except (file._soundfile().SoundFileError, AssertionError) as e:
+                self._record.put(frames)
+            except SinkError as e:
                 self._fail(e)
         while len(frames):
             self._jump()
@@ -204,11 +218,11 @@ class LogWriter:
         """
         self._check()
         event = {"at": at, "kind": kind} | data
-        if kind in ("hash", "motion") or not _count(_plain_int(at), MAX_INDEX):
+        if kind in ("hash", "motion") or not _COUNT(_plain_int(at)):
             raise BadValue(f"log: event {event}: the log writes hashes itself; 'at' is a sample index")
         if kind in ("lost", "gap"):
             free = max([self._at, *(j["at"] + j["frames"] for j in self._jumps)])
-            if at < free or not _count(_plain_int(data.get("frames")), MAX_LOST * self._head.fs):
+            if at < free or not fields.whole(int(MAX_LOST * self._head.fs))(_plain_int(data.get("frames"))):
                 raise BadValue(f"log: event {event}: frames up to {free} are accounted for; 'frames' is a number of samples")
             self._jumps.append(event)
             self._jump()
@@ -223,7 +237,7 @@ class LogWriter:
                 self._hash_motion()
                 if report is not None:
                     text = json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n"
-                    _publish(self.folder / "report.json", text)
+                    regular.publish(self.folder / "report.json", text)
         except SinkError:
             raise
         except OSError as e:
@@ -279,7 +293,7 @@ class LogWriter:
 
     def _end(self) -> None:
         """Close the files; what they have is what there will be."""
-        with suppress(OSError, file._soundfile().SoundFileError) if self._record is not None else suppress(OSError):
+        with suppress(OSError):
             self._open.close()
 
 
@@ -345,16 +359,6 @@ def _plain(v: Any) -> Any:
     raise ValueError(f"{type(v).__name__} is not JSON data")
 
 
-def _publish(path: Path, text: str) -> None:
-    """A small file, whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    with open(part, "wb") as f:
-        f.write(text.encode())
-        f.flush()
-        os.fsync(f.fileno())
-    os.replace(part, path)
-
-
 # -- reading
 
 
@@ -367,6 +371,53 @@ class _Header(NamedTuple):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     channels: tuple[int, ...]  # number of the output, -1 for silence
+
+
+class MotionFile:
+    """The rows of motion.f64, read where they are asked for.
+
+    It is not mapped: a file that another program cuts would end the process then. Here that is a SinkError.
+
+    Attributes
+    ----------
+    shape : (n, n_inputs)
+    """
+
+    def __init__(self, path: Path, inputs: int):
+        self.path = path
+        with open(regular.opened(path), "rb") as f:
+            rows, self.rest = divmod(os.fstat(f.fileno()).st_size, 8 * inputs)
+        self.shape = (rows, inputs)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    @property
+    def T(self) -> NDArray[np.float64]:
+        """All of it, shape (n_inputs, n)."""
+        return self[:].T
+
+    def __getitem__(self, key: Any) -> NDArray[np.float64]:
+        """Rows [at:to], or [at:to, columns]."""
+        rows, *columns = key if isinstance(key, tuple) else (key,)
+        at, to, step = rows.indices(len(self))
+        if step != 1:
+            raise BadValue("log: motion is read row after row, log.motion[at:to]")
+        x = np.empty((max(0, to - at), self.shape[1]), "<f8")
+        try:
+            with open(regular.opened(self.path), "rb", buffering=0) as f:
+                f.seek(8 * at * self.shape[1])
+                into = memoryview(x.reshape(-1)).cast("B")
+                while got := f.readinto(into):
+                    into = into[got:]
+        except OSError as e:
+            raise e if isinstance(e, SinkError) else SinkError(f"cannot read {self.path}: {e.strerror}") from e
+        if into:
+            raise SinkError(f"{self.path} was cut since the log was read: another program changed it")
+        return x[:, columns[0]] if columns else x
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return self[:].astype(dtype or np.float64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,8 +447,8 @@ class Log:
         Rows of motion (float64) under a hash, in order.
     lost : list of (at, frames)
         Produced and not delivered.
-    motion : ndarray of float64, shape (n, n_inputs)
-        As the processor saw it; mapped, not loaded.
+    motion : MotionFile of float64, shape (n, n_inputs)
+        As the processor saw it; slices of it are read from the file, ``numpy.asarray(log.motion)`` reads all.
     frames : int
         Samples that can be replayed and are accounted for, as delivered or lost.
     logged : int
@@ -422,7 +473,7 @@ class Log:
     spans: list[Span]
     motion_spans: list[Span]
     lost: list[tuple[int, int]]
-    motion: NDArray[np.float64]
+    motion: MotionFile | NDArray[np.float64]
     frames: int
     logged: int
     report: dict[str, Any] | None
@@ -456,18 +507,18 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     See `LogWriter`.
     """
     folder = Path(folder)
-    if folder.exists() and not (folder / "session.json").exists():
+    if not os.path.isdir(folder):
+        raise SinkError(f"there is no log {folder}, which would be a folder")
+    if not os.path.lexists(folder / "session.json"):
         raise SinkError(f"{folder} is no log: that is the folder that a sink wrote, with session.json in it")
-    if not folder.is_dir():
-        raise SinkError(f"there is no log {folder}")
     raw = _json(folder / "session.json")
     head = _header(raw, str(folder / "session.json"), SinkError)
     notes: list[str] = []
     events = _events(folder / "events.jsonl", head, notes)
-    motion, rest = _motion(folder / "motion.f64", len(head.inputs))
-    if rest:
+    motion = MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
+    if isinstance(motion, MotionFile) and motion.rest:
         notes.append("the last frame of motion is cut short")
-    report = _json(folder / "report.json") if (folder / "report.json").is_file() else None
+    report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
     if report is None:
         notes.append("no report: the session was killed, or its log could not be ended")
 
@@ -491,37 +542,24 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
                 known = e.at if known is None and head.inputs else known
     notes += [f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps]
     frames = end if known is None else known
-    produced = report.get("produced") if report is not None else None
-    produced = produced if isinstance(produced, int) and _count(produced, MAX_INDEX) else end
+    produced = int(report["produced"]) if report is not None and _COUNT(report.get("produced")) else end
     if produced != end:
         notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
     if head.inputs:
         if len(motion) < frames:
             notes.append(f"motion ends at sample {len(motion)}, hashes and losses at {frames}")
         frames = min(frames, len(motion))
+    limits.check("log_samples", frames, f"{folder}: samples", SinkError)
     if raw["stimlib"] != __version__:
-        notes.append(f"written by stimlib {raw['stimlib']}, this is {__version__}")
+        notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
     return Log(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
 
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        if not path.is_file() or path.stat().st_size > MAX_JSON:
-            raise SinkError(f"there is no {path}, or it is no file of less than {MAX_JSON >> 20} MiB")
-        data = json.loads(path.read_bytes(), parse_constant=_no_constant)
-    except SinkError:
-        raise
-    except OSError as e:
-        raise SinkError(f"cannot read {path}: {e.strerror}") from e
-    except (ValueError, RecursionError) as e:
-        raise SinkError(f"{path}: not JSON ({e})") from e
-    if not isinstance(data, dict):
-        raise SinkError(f"{path}: not a JSON object")
-    return data
-
-
-def _no_constant(text: str) -> Any:
-    raise ValueError(f"{text} is not a finite number")
+        return fields.parse(regular.read(path, "sidecar_bytes"))
+    except ValueError as e:
+        raise SinkError(f"{path}: not JSON as a log has it ({e})") from e
 
 
 def _header(data: dict[str, Any], where: str, error: type[StimlibError]) -> _Header:
@@ -531,75 +569,58 @@ def _header(data: dict[str, Any], where: str, error: type[StimlibError]) -> _Hea
         if not good:
             raise error(f"{where}: {what}")
 
-    for name, kind in FIELDS.items():
-        v = data.get(name)
-        need(isinstance(v, kind) and not isinstance(v, bool), f"{name} is missing or of a wrong type")
-    fs, seed = data["fs"], data["seed"]
-    need(1 <= fs <= 1e7, "fs must be from 1 to 1e7 Hz")
-    need(0 <= seed < 2**64, "seed must be from 0 to 2**64 - 1")
+    try:
+        fields.require(data, FIELDS)
+    except ValueError as e:
+        raise error(f"{where}: {e}") from e
     try:
         scene = Scene.from_dict(data["scene"])
         safety = Safety(**data["safety"])
         outputs = tuple(scene.outputs)
         safety.scales(outputs)
         known = protect(scene, safety).params
-    except (StimlibError, TypeError, OverflowError, RecursionError) as e:
+    except (StimlibError, ValueError, TypeError, OverflowError, RecursionError) as e:
         raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
     need(scene.hash == data["scene_hash"], "scene_hash is not that of the scene: one of them was changed")
     need(tuple(data["outputs"]) == outputs, f"outputs must be those of the scene, {', '.join(outputs)}")
     inputs = data["inputs"]
-    need(all(isinstance(n, str) and n in scene.inputs for n in inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
+    need(set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
     need(len(set(inputs)) == len(inputs), "an input is there twice")
     channels = data["channels"]
     need(0 < len(channels) <= 1024, "channels must be a list of 1 to 1024 output names or null")
-    need(all(c is None or (isinstance(c, str) and c in outputs) for c in channels), "channels must be names of outputs, or null")
+    need({*channels} <= {*outputs, None}, "channels must be names of outputs, or null")
     params = data["params"]
-    for name, value in params.items():
+    for name in params:
         need(name in known, f"params: there is no live number {name!r}")
-        need(_finite(value), f"params: {name} must be a finite number")
     numbers = tuple(-1 if c is None else outputs.index(c) for c in channels)
     start = {n: float(v) for n, v in params.items()}
-    return _Header(scene, safety, float(fs), seed, start, tuple(inputs), outputs, numbers)
-
-
-def _finite(v: Any) -> bool:
-    try:
-        return isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v)
-    except OverflowError:
-        return False
-
-
-def _count(v: Any, most: float) -> bool:
-    return isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most
+    return _Header(scene, safety, float(data["fs"]), data["seed"], start, tuple(inputs), outputs, numbers)
 
 
 def _events(path: Path, head: _Header, notes: list[str]) -> list[Event]:
     """events.jsonl, checked line by line. Frames are accounted for from 0 on, without a hole, each once."""
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
-    end = {"delivered": 0, "motion": 0}
-    try:
-        if not path.is_file():
-            raise SinkError(f"there is no {path}")
-        with open(path, "rb") as f:
-            for number in range(1, 1 << 62):
+    end = {"delivered": 0, "motion": 0, "lost": 0}
+    with open(regular.opened(path), "rb") as f:
+        limits.check("events_bytes", os.fstat(f.fileno()).st_size, f"{path}: bytes", SinkError)
+        for number in range(1, 1 << 62):
+            try:
                 line = f.readline(MAX_LINE)
-                if not line.endswith(b"\n"):
-                    if len(line) == MAX_LINE:
-                        raise SinkError(f"{path}, line {number}: longer than {MAX_LINE} bytes")
-                    if line:
-                        notes.append(f"the last line of {path.name} is cut short")
-                    return found
-                try:
-                    e = _event(line, head.fs, params)
-                    _account(e, end)
-                except (ValueError, RecursionError) as problem:
-                    raise SinkError(f"{path}, line {number}: {problem}") from None
-                found.append(e)
-    except SinkError:
-        raise
-    except OSError as e:
-        raise SinkError(f"cannot read {path}: {e.strerror}") from e
+            except OSError as e:
+                raise SinkError(f"cannot read {path}: {e.strerror}") from e
+            if not line.endswith(b"\n"):
+                if len(line) == MAX_LINE:
+                    raise SinkError(f"{path}, line {number}: longer than {MAX_LINE} bytes")
+                if line:
+                    notes.append(f"the last line of {path.name} is cut short")
+                break
+            try:
+                found.append(_event(line, head.fs, params))
+                _account(found[-1], end)
+            except ValueError as problem:
+                raise SinkError(f"{path}, line {number}: {problem}") from None
+    limits.check("lost_samples", end["lost"], f"{path}: samples that are lost", SinkError)
     return found
 
 
@@ -610,24 +631,18 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
         if not good:
             raise ValueError(what)
 
-    data = json.loads(line, parse_constant=_no_constant)
-    need(isinstance(data, dict), "not a JSON object")
+    data = fields.parse(line)
     at, kind = data.pop("at", None), data.pop("kind", None)
-    need(_count(at, MAX_INDEX), f"'at' must be a sample index, not {str(at)[:40]}")
-    need(isinstance(kind, str), "'kind' must be a text")
+    need(_COUNT(at), f"'at' must be a sample index, not {str(at)[:40]}")
+    need(fields.text(kind), "'kind' must be a text")
     need(kind == kind[:100], "'kind' is too long")
+    fields.require(data, EVENTS.get(kind, {}))
     if kind == "set":
-        name, ramp = data.get("name"), data.get("ramp")
-        need(isinstance(name, str) and name in params, f"there is no live number {str(name)[:40]!r}")
-        need(_finite(data.get("value")), f"the value of {name} must be a finite number")
-        need(_finite(ramp) and 0 <= ramp <= MAX_INDEX and ramp == int(ramp), "'ramp' must be a number of samples")
+        need(data["name"] in params, f"there is no live number {data['name'][:40]!r}")
     elif kind in ("hash", "motion"):
-        to = data.get("to")
-        need(_count(to, MAX_INDEX) and at < to <= at + math.ceil(fs), "'to' must be after 'at', by one second at most")
-        sha = data.get("sha256")
-        need(isinstance(sha, str) and len(sha) == 64 and set(sha) <= set("0123456789abcdef"), "'sha256' must be 64 hex digits")
+        need(at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most")
     elif kind in ("lost", "gap"):
-        need(_count(data.get("frames"), MAX_LOST * fs), "'frames' must be a number of samples, a day at most")
+        need(data["frames"] <= MAX_LOST * fs, "'frames' must be a number of samples, a day at most")
     return Event(at, kind, data)
 
 
@@ -639,24 +654,7 @@ def _account(e: Event, end: dict[str, int]) -> None:
             known = f"but what is accounted for ends at {end[what]}: lines are missing or moved"
             raise ValueError(f"{e.kind} from sample {e.at} on, {known}")
         end[what] = e.at + e.data["frames"] if e.kind in ("lost", "gap") else e.data["to"]
-
-
-def _motion(path: Path, inputs: int) -> tuple[NDArray[np.float64], int]:
-    """Whole frames of the motion, and bytes over."""
-    if not inputs:
-        return np.empty((0, 0)), 0
-    try:
-        if not path.is_file():
-            raise SinkError(f"there is no {path}, the motion of the session's inputs")
-        size = path.stat().st_size
-        frames, rest = divmod(size, 8 * inputs)
-        if not frames:
-            return np.empty((0, inputs)), rest
-        return np.memmap(path, "<f8", "r", shape=(frames, inputs)), rest
-    except SinkError:
-        raise
-    except (OSError, ValueError) as e:
-        raise SinkError(f"cannot read {path}: {e}") from e
+        end["lost"] += e.data["frames"] if e.kind in ("lost", "gap") else 0
 
 
 # -- replay
@@ -704,7 +702,7 @@ class Replay:
             line += f"; {self.missing} frames cannot be replayed"
         if self.changed:
             line += f"; the motion was changed, first in samples {self.changed[0][0]} to {self.changed[0][1]}"
-        return "; ".join([line, *self.notes])
+        return shown("; ".join([line, *self.notes]))
 
 
 def processor(log: Log, scene: Scene | None = None, target: str = "numba") -> Processor:
@@ -731,8 +729,8 @@ def processor(log: Log, scene: Scene | None = None, target: str = "numba") -> Pr
 def motion_of(log: Log, proc: Processor, at: int, stop: int) -> NDArray[np.float64]:
     """The logged motion of samples at .. stop - 1, shape (n_inputs, n), rows as the processor has them."""
     x = np.empty((len(proc.inputs), stop - at))
-    for row, name in zip(x, proc.inputs, strict=True):
-        row[:] = log.motion[at:stop, log.inputs.index(name)]
+    if proc.inputs:
+        x[:] = log.motion[at:stop, [log.inputs.index(name) for name in proc.inputs]].T
     return x
 
 

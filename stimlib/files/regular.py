@@ -42,21 +42,37 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot read /dev/zero: it is not a regular file
     """
+    with open(opened(path, error=error), "rb") as f:
+        size = os.fstat(f.fileno()).st_size
+        limits.check(limit, size, f"{path}: bytes", error)
+        try:
+            data = f.read(size + 1)  # of a size that is not there would be taken from the memory
+        except OSError as e:
+            raise error(f"cannot read {path}: {e.strerror}") from e
+        if len(data) > size:
+            raise error(f"cannot read {path}: it grows while it is read; wait until it is written")
+        return data
+
+
+def opened(path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[StimlibError] = SinkError) -> int:
+    """A descriptor of a regular file; of nothing else, and without waiting for it.
+
+    With flags for writing, it must be a file of stimlib's own: no link leads to it, and it has no second name.
+    """
+    writes = flags & os.O_ACCMODE != os.O_RDONLY
+    what = f"cannot {'write' if writes else 'read'} {path}"
     try:
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer would wait for ever
-        with open(fd, "rb") as f:
-            info = os.fstat(fd)
-            if not stat.S_ISREG(info.st_mode):
-                raise error(f"cannot read {path}: it is not a regular file")
-            limits.check(limit, info.st_size, f"{path}: bytes", error)
-            data = f.read(info.st_size + 1)  # of a size that is not there would be taken from the memory
-            if len(data) > info.st_size:
-                raise error(f"cannot read {path}: it grows while it is read; wait until it is written")
-            return data
+        # a pipe without a writer would wait for ever
+        fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_NOFOLLOW if writes else 0), 0o666)
     except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
-        if isinstance(e, StimlibError):
-            raise
-        raise error(f"cannot read {path}: {getattr(e, 'strerror', None) or e}") from e
+        if writes and os.path.islink(path):
+            check(path, error)
+        raise error(f"{what}: {getattr(e, 'strerror', None) or e}") from e
+    info = os.fstat(fd)
+    if not stat.S_ISREG(info.st_mode) or (writes and info.st_nlink > 1):
+        os.close(fd)
+        raise error(f"{what}: it is not a regular file" + (" of its own" if writes else ""))
+    return fd
 
 
 def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> None:

@@ -394,8 +394,8 @@ def test_an_interrupt_at_any_moment_leaves_a_complete_pair(old, format):
     try:
         for trial in range(60):
             proc = forces(2, noise=trial + 1.0)
-            signal.setitimer(signal.ITIMER_REAL, 2e-4 + trial * 2.5e-4)
             try:
+                signal.setitimer(signal.ITIMER_REAL, 2e-4 + trial * 2.5e-4)
                 file.write(path, proc, MOTION, 0.5, full_scale=64.0, block=64)
                 signal.setitimer(signal.ITIMER_REAL, 0)
             except KeyboardInterrupt:

@@ -1,0 +1,215 @@
+"""A sound file on its way to its place: written through a descriptor of its own, and compared with what was put in it.
+
+Libsndfile gets the descriptor and no name, so nobody can put a link or a pipe in its way; what is read back is what has been
+written, whatever has that name by then.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SinkError
+from ..files import regular
+
+UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
+TYPES = {"FLOAT": "float32", "DOUBLE": "float64", "PCM_24": "int32"}  # of the samples of a subtype
+PIECE = 1 << 16  # frames that are read at once
+
+
+class Draft:
+    """A new sound file, open for writing; its header is right after every write, so that a killed run leaves a file.
+
+    Parameters
+    ----------
+    path : Path
+        What it will be; for messages.
+    at : Path
+        Where it is for now.
+    fs, channels, format, subtype
+        As libsndfile wants them.
+
+    Raises
+    ------
+    SinkError
+        The place cannot be written; later: the disk is full, or another program changed the file.
+    """
+
+    def __init__(self, path: Path, at: Path, fs: int, channels: int, format: str, subtype: str):
+        self.path, self.at, self.frames, self.type = path, at, 0, TYPES[subtype]
+        self._put = hashlib.blake2b()
+        sf = soundfile()
+        self.raw = open(regular.create(at), "r+b", buffering=0)
+        try:
+            with disk(path, self.raw):
+                self._sound = sf.SoundFile(
+                    self.raw.fileno(), "w", samplerate=fs, channels=channels, subtype=subtype, format=format, closefd=False
+                )
+                sf._snd.sf_command(self._sound._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
+        except BaseException:
+            self.raw.close()
+            raise
+
+    def __enter__(self) -> Draft:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with suppress(soundfile().SoundFileError):  # an error before is the one to report
+            self._sound.close()
+        self.raw.close()
+
+    def put(self, samples: NDArray[Any]) -> None:
+        """Append samples, shape (n, channels), of the type of the subtype."""
+        self._put.update(np.ascontiguousarray(samples).data)
+        self.frames += len(samples)
+        with disk(self.path, self.raw):
+            self._sound.write(samples)
+            if self._sound.frames != self.frames:
+                raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
+
+    def finish(self) -> None:
+        """Complete the file; nothing can be put then."""
+        with disk(self.path, self.raw):
+            self._sound.close()
+            _undate(self.raw.fileno())
+
+    def seal(self) -> str:
+        """Complete the file, have it on the disk and prove that it holds what was put; its sha256."""
+        self.finish()
+        with disk(self.path, self.raw):
+            os.fsync(self.raw.fileno())
+            digest = sha256(self.raw)  # first: who changes the file after it was proven changes its hash
+            got, frames = hashlib.blake2b(), 0
+            with suppress(soundfile().SoundFileError), reading(self.raw) as f:
+                while frames <= self.frames and len(part := f.read(PIECE, dtype=self.type, always_2d=True)):
+                    got.update(np.ascontiguousarray(part).data)
+                    frames += len(part)
+            if (frames, got.digest()) != (self.frames, self._put.digest()):
+                raise self._changed()
+        return digest
+
+    def same(self, other: Draft) -> None:
+        """Raise unless the same samples were put in another, of what was read back from this."""
+        if self._put.digest() != other._put.digest():
+            raise self._changed()
+
+    def _changed(self) -> SinkError:
+        # libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent
+        return SinkError(
+            f"cannot write {self.path}: {_reason(self.raw) or f'another program changed {self.at.name} while it was written'}"
+        )
+
+    def is_at(self, path: Path) -> bool:
+        """Whether this file has that name."""
+        try:
+            return os.path.samestat(os.lstat(path), os.fstat(self.raw.fileno()))
+        except OSError:
+            return False
+
+    def move(self, path: Path, overwrite: bool) -> None:
+        """Give it its name."""
+        if not self.is_at(self.at):
+            raise self._changed()
+        move(self.at, path, overwrite)
+
+
+def move(source: Path, path: Path, overwrite: bool) -> None:
+    """Give a file its name; without overwrite, SinkError where something has this name, from whenever it may be."""
+    if overwrite:
+        os.replace(source, path)
+        return
+    try:
+        try:
+            os.link(source, path, follow_symlinks=False)
+        except OSError as e:
+            if e.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK):
+                raise
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))  # no links here: take the name first
+            os.replace(source, path)
+        else:
+            os.unlink(source)
+    except FileExistsError:
+        raise SinkError(f"{path} is there already, and overwrite=False") from None
+
+
+def fill(f: Any, data: bytes) -> None:
+    """Make this all that an unbuffered file has."""
+    f.seek(0)
+    f.truncate()
+    while data:  # a full disk takes a part, and tells why it does not take the rest
+        data = data[f.write(data) :]
+
+
+def sha256(f: Any) -> str:
+    """Of the bytes of an open file."""
+    digest, at = hashlib.sha256(), 0
+    while part := os.pread(f.fileno(), 1 << 20, at):
+        digest.update(part)
+        at += len(part)
+    return digest.hexdigest()
+
+
+def reading(f: Any) -> Any:
+    """The sound of an open file, from its beginning."""
+    f.seek(0)
+    return soundfile().SoundFile(f.fileno(), closefd=False)
+
+
+def reason(error: Exception) -> str:
+    """What libsndfile says, without the number that it has for a file."""
+    return getattr(error, "error_string", None) or str(error)
+
+
+@contextmanager
+def disk(path: Path, raw: Any = None) -> Iterator[None]:
+    """What goes wrong inside is an error of the disk or of libsndfile, not of the processor or the motion."""
+    try:
+        yield
+    except SinkError:
+        raise
+    except OSError as e:
+        raise SinkError(f"cannot write {path}: {e.strerror or e}") from e
+    except (soundfile().SoundFileError, AssertionError) as e:
+        raise SinkError(f"cannot write {path}: {_reason(raw) or reason(e)}") from e
+
+
+def _reason(raw: Any) -> str | None:
+    """Why the system does not let us write; libsndfile keeps it to itself, so try again without it."""
+    try:
+        if raw is not None:
+            raw.seek(0, os.SEEK_END)
+            for _ in range(64):
+                raw.write(bytes(65536))
+    except OSError as e:
+        return e.strerror
+    return None
+
+
+def _undate(fd: int) -> None:
+    """Set the date in the PEAK chunk of a WAV or RF64 file to 0.
+
+    libsndfile has a command that leaves the chunk out, but does not obey it in RF64.
+    """
+    head, at = os.pread(fd, 12, 0), 12
+    while head[:4] in (b"RIFF", b"RF64"):
+        chunk = os.pread(fd, 8, at)
+        name, size = chunk[:4], int.from_bytes(chunk[4:], "little")
+        if name == b"PEAK":
+            os.pwrite(fd, bytes(4), at + 12)  # behind name, size and the chunk's version
+        if name in (b"PEAK", b"data", b""):
+            break
+        at += 8 + size + size % 2
+
+
+def soundfile() -> Any:
+    """The package; imported here and not above, because it loads a shared library."""
+    return import_module("soundfile")

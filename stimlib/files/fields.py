@@ -1,0 +1,123 @@
+"""JSON files of others: strict JSON, and a test for the value of every field that is used.
+
+A test is a function that says whether a value is good; those here are combined to the description of a whole file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Test:
+    """What a value must be: in words for a message, and as a function."""
+
+    says: str
+    good: Callable[[Any], bool]
+
+    __test__ = False  # pytest: this is none of yours
+
+    def __call__(self, value: Any) -> bool:
+        return self.good(value)
+
+
+def parse(data: bytes) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises
+    ------
+    ValueError
+        Not JSON, not an object, or a number that is not finite.
+
+    Examples
+    --------
+    >>> from stimlib.files import fields
+    >>> fields.parse(b'{"fs": 1e400}')
+    Traceback (most recent call last):
+    ValueError: 1e400 is not a finite number
+    """
+    try:
+        found = json.loads(data, parse_constant=_finite, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if not isinstance(found, dict):
+        raise ValueError("not a JSON object")
+    return found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is not a finite number")
+    return value
+
+
+def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
+    """Raise a ValueError that names the first field that is missing, or that is not what it must be.
+
+    Examples
+    --------
+    >>> from stimlib.files import fields
+    >>> fields.require({"fs": "fast"}, {"fs": fields.number})
+    Traceback (most recent call last):
+    ValueError: fs must be a finite number
+    """
+    for name, test in tests.items():
+        if name not in data:
+            raise ValueError(f"{name} is missing; it must be {test.says}")
+        if not test(data[name]):
+            raise ValueError(f"{name} must be {test.says}")
+
+
+def between(low: float, high: float) -> Test:
+    """A number in a range."""
+    return Test(f"a number from {low:g} to {high:g}", lambda v: number(v) and low <= v <= high)
+
+
+def whole(most: int) -> Test:
+    """A whole number from 0 to most."""
+    return Test(f"a whole number from 0 to {most}", lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most)
+
+
+def one_of(*values: str) -> Test:
+    """One of these texts."""
+    return Test(f"one of {', '.join(values)}", lambda v: isinstance(v, str) and v in values)
+
+
+def table_of(test: Test) -> Test:
+    """A table of good values."""
+    return Test(f"a table, each value {test.says}", lambda v: isinstance(v, dict) and all(map(test, v.values())))
+
+
+def list_of(test: Test) -> Test:
+    """A list of good values."""
+    return Test(f"a list, each value {test.says}", lambda v: isinstance(v, list) and all(map(test, v)))
+
+
+def record(tests: Mapping[str, Test]) -> Test:
+    """A table with these fields, each of them good."""
+    says = ", ".join(f"{name} ({test.says})" for name, test in tests.items())
+    return Test(f"a table of {says}", lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()))
+
+
+def maybe(test: Test) -> Test:
+    """A good value or null."""
+    return Test(f"{test.says} or null", lambda v: v is None or test(v))
+
+
+def _number(v: Any) -> bool:
+    try:
+        return isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
+    except OverflowError:
+        return False
+
+
+text = Test("a text", lambda v: isinstance(v, str))
+number = Test("a finite number", _number)
+positive = Test("a number above 0", lambda v: number(v) and v > 0)
+not_negative = Test("a number, 0 or above", lambda v: number(v) and v >= 0)
+table = Test("a table", lambda v: isinstance(v, dict))
