@@ -51,7 +51,7 @@ MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 
 _COUNT = fields.whole(2**53)
 _CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}
-_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.not_negative}
+_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.between(0, 1e9)}
 BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being written
     "stimlib": fields.text,
     "format": fields.one_of(*FORMATS),
@@ -487,8 +487,7 @@ def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:
         part = f.read(PIECE, dtype="int32" if f.subtype == "PCM_24" else "float64", always_2d=True)
         if not len(part):
             raise SinkError(f"{path} is truncated: {frames} frames wanted, {at} can be read")
-        with np.errstate(over="ignore", invalid="ignore"):
-            y[:, at : at + len(part)] = _physical(part, scales)
+        y[:, at : at + len(part)] = _physical(part, scales)
         at += len(part)
     if not np.isfinite(y).all():
         raise SinkError(f"{path} has samples that are not finite: stimlib did not write it")
@@ -516,13 +515,14 @@ def stored(y: Array, sidecar: dict[str, Any]) -> Array:
     """
     scales = np.array([c["full_scale"] for c in sidecar["channels"]])
     samples, _ = _encode(y, scales, sidecar["subtype"], tuple(c["name"] for c in sidecar["channels"]))
-    return _physical(samples.astype(np.float64) if sidecar["subtype"] == "FLOAT" else samples, scales)
+    return _physical(samples, scales)
 
 
 def _physical(samples: NDArray[Any], scales: Array) -> Array:
     """Samples (n, n_outputs) of a file in physical units, (n_outputs, n)."""
-    values = samples * 2.0**-31 if samples.dtype == np.int32 else samples
-    return np.ascontiguousarray((values * scales).T)
+    with np.errstate(over="ignore", invalid="ignore"):  # of files that stimlib did not write
+        values = samples * 2.0**-31 if samples.dtype == np.int32 else samples.astype(np.float64, copy=False)
+        return np.ascontiguousarray((values * scales).T)
 
 
 # -- what may be written where
@@ -660,8 +660,7 @@ def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
                 if not len(part):
                     raise SinkError(f"{source} is truncated: {frames} frames wanted, {draft.frames} can be read")
                 draft.put(part)
-                values = _physical(part if part.dtype == np.int32 else part.astype(float), scales)
-                peak = np.maximum(peak, np.abs(values).max(axis=1))
+                peak = np.maximum(peak, np.abs(_physical(part, scales)).max(axis=1))
     except soundfile().SoundFileError as e:
         raise SinkError(f"{source} cannot be read to its end, it was damaged ({reason(e)})") from e
     if not np.isfinite(peak).all():

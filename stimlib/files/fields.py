@@ -110,10 +110,9 @@ def maybe(test: Test) -> Test:
 
 
 def _number(v: Any) -> bool:
-    try:
-        return isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v)
-    except OverflowError:
-        return False
+    if isinstance(v, float):
+        return math.isfinite(v)
+    return isinstance(v, int) and not isinstance(v, bool) and abs(v) <= 2**53  # beyond, it is no longer the same as a float
 
 
 text = Test("a text", lambda v: isinstance(v, str))

@@ -1,0 +1,549 @@
+"""Sound files, sidecars and logs in a place where others write too: nothing of theirs is overwritten, waited for or believed."""
+
+import errno
+import hashlib
+import json
+import os
+import random
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import white_noise
+from stimlib.checks import draw
+from stimlib.checks.picture import picture
+from stimlib.checks.session import verify_log
+from stimlib.cli import app
+from stimlib.devices import file
+from stimlib.devices.batch import render_set
+from stimlib.devices.log import LogWriter, header, read_log, replay
+from stimlib.devices.motion import parse_motion, sinusoid
+from stimlib.devices.safety import GAIN, Safety, protect, to_device
+from stimlib.errors import SinkError, StimlibError
+from stimlib.files import fields, regular
+
+KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
+HAND = {"x": sinusoid(0.02, 3.0)}
+OWN = [".part", ".part.json", ".new.part", ".json.part"]  # names beside NAME that stimlib takes for itself
+SCENE = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m") + constant(2.0, "N") * white_noise(seed=3)})
+NOISE = Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
+SAFETY = Safety(full_scale=64.0)
+
+
+def spring():
+    return stimlib.compile(SCENE, 8000.0)
+
+
+def write(path, motion=HAND, seconds=0.5, **how):
+    return file.write(path, spring(), motion, seconds, full_scale=64.0, **how)
+
+
+def listing(folder):
+    return {p.name: (os.readlink(p) if p.is_symlink() else p.is_file() and p.read_bytes()) for p in folder.iterdir()}
+
+
+def meddle(at, call):
+    """A hand that does something else once, at a time."""
+    did = []
+
+    def x(t):
+        if t[0] >= at and not did:
+            did.append(call())
+        return HAND["x"](t)
+
+    return {"x": x}
+
+
+def forge(path, change, data=None):
+    """Make a file and its sidecar fit again, after something was changed in them."""
+    if data is not None:
+        path.write_bytes(data)
+    sidecar = path.with_name(path.name + ".json")
+    info = json.loads(sidecar.read_text()) | {"file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()} | change
+    sidecar.write_text(json.dumps(info))
+
+
+# -- another program writes to the file that is being written
+
+
+def cut(part):
+    os.truncate(part, part.stat().st_size // 2)
+
+
+def empty(part):
+    os.truncate(part, 0)
+
+
+def flip(part):
+    with open(part, "r+b") as f:
+        f.seek(-80, os.SEEK_END)
+        byte = f.read(1)
+        f.seek(-80, os.SEEK_END)
+        f.write(bytes([byte[0] ^ 0x11]))
+
+
+def head(part):
+    with open(part, "r+b") as f:
+        f.write(b"junk")
+
+
+def other(part):
+    shutil.copy(part, f"{part}.mine")
+    os.replace(f"{part}.mine", part)
+
+
+@pytest.mark.parametrize("how", [cut, empty, flip, head, other], ids=lambda f: f.__name__)
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_a_file_that_another_program_changed_gets_no_name(tmp_path, format, subtype, how):
+    path = tmp_path / f"a.{format.lower()}"
+    write(path, seconds=0.1, subtype=subtype)
+    before = listing(tmp_path)
+    part = tmp_path / (path.name + ".part")
+    if how in (other, head) and (format == "FLAC" or (how is head and format != "FLAC")):
+        # what has the name, or the header that is written again, does not matter: what was written is read back
+        try:
+            write(path, meddle(0.2, lambda: how(part)), subtype=subtype)
+        except SinkError:
+            assert listing(tmp_path) == before
+        else:
+            assert np.array_equal(file.read(path)[0], expected(subtype))
+        return
+    with pytest.raises(SinkError, match=f"another program changed {part.name} while it was written|cannot be read|truncated"):
+        write(path, meddle(0.2, lambda: how(part)), subtype=subtype)
+    assert listing(tmp_path) == before
+    file.read(path)
+
+
+def expected(subtype):
+    y = spring().process(HAND["x"](np.arange(4000) / 8000)[None])
+    return file.stored(y, {"subtype": subtype, "channels": [{"name": "force", "full_scale": 64.0}]})
+
+
+@pytest.mark.parametrize("name", ["a.wav", "a.wav.json"])
+@pytest.mark.parametrize("links", [True, False])
+def test_without_overwrite_a_file_that_comes_during_the_run_stays(tmp_path, monkeypatch, name, links):
+    def none(*_, **__):
+        raise OSError(errno.EPERM, "no links on this file system")
+
+    if not links:
+        monkeypatch.setattr(os, "link", none)
+    path = tmp_path / "a.wav"
+    with pytest.raises(SinkError, match=f"{name} is there already, and overwrite=False"):
+        write(path, meddle(0.2, lambda: (tmp_path / name).write_bytes(b"mine")), overwrite=False)
+    assert listing(tmp_path) == {name: b"mine"}
+    (tmp_path / name).unlink()
+    write(path, overwrite=False)
+    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"} and file.read(path)[0].shape == (1, 4000)
+
+
+# -- links and pipes
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("suffix", [".wav", ".flac"])
+def test_links_and_pipes_in_the_way_are_refused(tmp_path, name, suffix):
+    victim, there = tmp_path / "victim", tmp_path / f"a{suffix}{name}"
+    victim.write_text("precious")
+    for plant in (lambda: there.symlink_to(victim), lambda: there.symlink_to("nowhere"), lambda: os.mkfifo(there), there.mkdir):
+        plant()
+        before = listing(tmp_path)
+        with pytest.raises(SinkError, match="remove it"):
+            write(tmp_path / f"a{suffix}")
+        assert listing(tmp_path) == before
+        there.rmdir() if there.is_dir() else there.unlink()
+    os.link(victim, there)
+    if name == ".part.json":  # the only one that is written as it stands
+        with pytest.raises(SinkError, match="not a regular file of its own"):
+            write(tmp_path / f"a{suffix}")
+    else:
+        write(tmp_path / f"a{suffix}")
+    assert victim.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_link_that_comes_during_the_run_is_not_followed(tmp_path, name):
+    victim, there = tmp_path / "victim", tmp_path / f"a.flac{name}"
+    victim.write_text("precious")
+
+    def plant():
+        there.unlink(missing_ok=True)
+        there.symlink_to(victim)
+
+    try:
+        write(tmp_path / "a.flac", meddle(0.2, plant))
+    except SinkError as e:
+        assert "is a link" in str(e)
+    else:
+        assert file.read(tmp_path / "a.flac")[0].shape == (1, 4000)
+    assert victim.read_text() == "precious"
+
+
+def test_a_link_with_the_name_of_the_file_is_replaced(tmp_path):
+    for name in ("a.wav", "a.wav.json"):
+        (tmp_path / f"{name}.victim").write_text("precious")
+        (tmp_path / name).symlink_to(tmp_path / f"{name}.victim")
+    write(tmp_path / "a.wav")
+    assert not any(p.is_symlink() for p in tmp_path.iterdir())
+    assert [(tmp_path / f"{n}.victim").read_text() for n in ("a.wav", "a.wav.json")] == ["precious"] * 2
+
+
+def left(folder, suffix=".wav"):
+    """What a run leaves that was killed after a quarter of a second."""
+    path, kept = folder / f"a{suffix}", {}
+    parts = [folder / f"a{suffix}{name}" for name in (".part", ".part.json")]
+    write(path, meddle(0.2, lambda: kept.update({p: p.read_bytes() for p in parts})))
+    path.unlink()
+    (folder / f"a{suffix}.json").unlink()
+    for p, data in kept.items():
+        p.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("name", [".part", ".part.json", ".new.part", ".json.part"])
+def test_recover_follows_no_link_and_waits_for_no_pipe(tmp_path, name):
+    path = left(tmp_path)
+    there, aside = tmp_path / f"a.wav{name}", tmp_path / "aside"
+    if there.exists():
+        there.rename(aside)
+    else:
+        aside.write_text("precious")
+    data = aside.read_bytes()
+    for plant in (lambda: there.symlink_to(aside), lambda: os.mkfifo(there)):
+        plant()
+        with pytest.raises(SinkError):
+            file.recover(path)
+        assert aside.read_bytes() == data and not path.exists()
+        there.unlink()
+
+
+def test_reports_pictures_and_tables_follow_no_link(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    hand = {"x": sinusoid(0.02, 3.0)}
+    rendering = stimlib.render(SCENE, hand, fs=8000, seconds=0.1)
+    calls = {
+        "a.html": lambda p: stimlib.verify(SCENE, hand, rendering).to_html(p),
+        "a.png": lambda p: picture(rendering, p),
+        "a.svg": lambda p: draw(SCENE, p),
+        "index.json": lambda p: render_set(p.parent, {"s": SCENE}, hand, 0.01, workers=1, progress=False),
+    }
+    for name, call in calls.items():
+        for planted in (name + ".part", name):
+            (tmp_path / planted).symlink_to(victim)
+            if planted == name:
+                call(tmp_path / name)
+                assert not (tmp_path / name).is_symlink() and (tmp_path / name).stat().st_size > 100
+            else:
+                with pytest.raises(SinkError, match="is a link"):
+                    call(tmp_path / name)
+                (tmp_path / planted).unlink()
+    assert victim.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800", "x" * 300, "y/" * 3000])
+def test_names_that_no_file_can_have(tmp_path, name):
+    path = tmp_path / (name + ".wav")
+    calls = [
+        lambda: write(path),
+        lambda: file.read(path),
+        lambda: file.recover(path),
+        lambda: read_log(path),
+        lambda: LogWriter(path, header(SCENE, SAFETY, 8000.0)),
+        lambda: render_set(path, {"s": SCENE}, HAND, 0.01, workers=1, progress=False),
+        lambda: render_set(tmp_path, {name: SCENE}, HAND, 0.01, workers=1, progress=False),
+        lambda: draw(SCENE, path.with_suffix(".svg")),
+    ]
+    for call in calls:
+        with pytest.raises(StimlibError) as info:
+            call()
+        assert len(str(info.value)) < 30_000 and "\0" not in str(info.value) and "\ud800" not in str(info.value)
+
+
+# -- files that say too much
+
+
+def test_a_header_that_declares_years_is_not_believed(tmp_path):
+    path = tmp_path / "a.flac"
+    write(path)
+    data = bytearray(path.read_bytes())
+    data[21] |= 0x0F  # the lower 36 bits of bytes 18 to 25 are the number of frames
+    data[22:26] = b"\xff" * 4
+    forge(path, {"frames": 2**36 - 1}, data)
+    with pytest.raises(SinkError, match=r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes"):
+        file.read(path)
+    data[21] &= 0xF0
+    data[22:26] = (10**6).to_bytes(4, "big")
+    forge(path, {"frames": 10**6}, data)
+    with pytest.raises(SinkError, match="truncated|cannot be read"):
+        file.read(path)
+
+
+def test_a_sparse_file_is_not_read_for_hours(tmp_path):
+    path = tmp_path / "a.caf"
+    write(path)
+    data, frames = bytearray(path.read_bytes()), 2**38
+    at = data.index(b"data")
+    data[at + 4 : at + 12] = (4 + 4 * frames).to_bytes(8, "big")
+    sidecar = json.loads((tmp_path / "a.caf.json").read_text())
+    for name in (path, tmp_path / "b.caf.part"):
+        name.write_bytes(data)
+        os.truncate(name, len(data) + 4 * frames)
+    (tmp_path / "a.caf.json").write_text(json.dumps(sidecar | {"frames": frames}))
+    (tmp_path / "b.caf.part.json").write_text(json.dumps(sidecar | {"frames": frames}))
+    for call in (lambda: file.read(path), lambda: file.recover(tmp_path / "b.caf"), lambda: stimlib.verify(SCENE, HAND, path)):
+        with pytest.raises(SinkError, match=r"limits.audio_bytes"):
+            call()
+
+
+def test_limits_of_sound_files_can_be_raised(tmp_path, monkeypatch):
+    write(tmp_path / "a.wav")
+    monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000 - 1)
+    with pytest.raises(SinkError, match="STIMLIB_LIMITS=audio_bytes="):
+        file.read(tmp_path / "a.wav")
+    monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000)
+    assert file.read(tmp_path / "a.wav")[0].shape == (1, 4000)
+
+
+def test_samples_that_are_not_finite_are_not_read(tmp_path):
+    path = tmp_path / "a.wav"
+    write(path)
+    data = bytearray(path.read_bytes())
+    data[-400:-396] = np.float32(np.nan).tobytes()
+    forge(path, {}, data)
+    with pytest.raises(SinkError, match="not finite"):
+        file.read(path)
+    forge(path, {"channels": [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]})
+    with pytest.raises(SinkError, match="not finite"):
+        file.read(path)
+
+
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_fuzzed_sound_files_are_read_or_refused(tmp_path, format, subtype):
+    path, rng = tmp_path / f"a.{format.lower()}", random.Random(f"{format} {subtype}")
+    write(path, seconds=0.05, subtype=subtype)
+    good, sidecar = path.read_bytes(), path.with_name(path.name + ".json").read_bytes()
+    part = tmp_path / f"b.{format.lower()}.part"
+    read = 0
+    for _ in range(60):
+        data = bytearray(good)
+        for _ in range(rng.choice([1, 1, 2, 8])):  # mostly in the headers
+            data[rng.randrange(min(len(data), rng.choice([60, 200, len(data)])))] = rng.choice([0, 1, 0x7F, 0x80, 0xFF])
+        data = data[: rng.choice([len(data), len(data), rng.randrange(len(data))])]
+        forge(path, {}, data)
+        part.write_bytes(data)
+        part.with_name(part.name + ".json").write_bytes(sidecar)
+        try:
+            read += file.read(path)[0].shape == (1, 400)
+        except SinkError as e:
+            assert str(path) in str(e)
+        try:
+            file.recover(part)
+            file.read(part.with_suffix(""))
+        except SinkError as e:
+            assert "b." in str(e)
+        for p in tmp_path.iterdir():
+            if p.name.startswith("b."):
+                p.unlink()
+        path.with_name(path.name + ".json").write_bytes(sidecar)
+    assert read  # some only changed a sample
+
+
+# -- sidecars
+
+
+JUNK = [None, True, -1, 3, 2**70, 10**400, 1e308, -0.5, "x", "", [], [[]], [None], {}, {"a": None}, {"x": 3}, [{"at": 0}]]
+
+
+SAID: dict = {}
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    path = tmp_path_factory.mktemp("pair") / "a.wav"
+    proc = spring()
+    proc.set("k", 900.0)
+    file.write(path, proc, HAND, 0.05, full_scale=64.0)
+    SAID.update(json.loads((path.parent / "a.wav.json").read_text()))
+    return path, SAID
+
+
+def verify_or_refuse(path, info):
+    """A sidecar is read and its file verified, or refused by a typed error."""
+    (path.parent / "a.wav.json").write_text(json.dumps(info))
+    try:
+        _, got = file.read(path)
+        fields.require(got, file.DONE)
+        if all(got[name] == SAID[name] for name in ("stimlib", "versions", "sha256", "scene")):  # verify does not look at these
+            return stimlib.verify(SCENE, {name: parse_motion(text) for name, text in got["motion"].items()}, path)
+    except StimlibError as e:
+        assert "\n" not in str(e)
+    return None
+
+
+@pytest.mark.parametrize("name", file.DONE)
+def test_every_field_of_a_sidecar_may_be_wrong(pair, name):
+    path, good = pair
+    verify_or_refuse(path, {k: v for k, v in good.items() if k != name})
+    with pytest.raises(SinkError, match=f"a sidecar that stimlib wrote: {name} is missing"):
+        file.read(path)
+    for junk in JUNK:
+        verify_or_refuse(path, good | {name: junk})
+        for inner in good[name] if isinstance(good[name], dict) and name != "scene" else ():
+            verify_or_refuse(path, good | {name: good[name] | {inner: junk}})
+        if isinstance(good[name], list):
+            for inner in good[name][0]:
+                verify_or_refuse(path, good | {name: [good[name][0] | {inner: junk}]})
+    assert verify_or_refuse(path, good).passed
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    path = left(tmp_path_factory.mktemp("begun"))
+    return path, {p: p.read_bytes() for p in path.parent.iterdir()}
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(sorted(file.BEGUN)), st.sampled_from(JUNK))
+def test_fuzzed_sidecars_of_killed_runs(begun, name, junk):
+    path, files = begun
+    for p in path.parent.iterdir():
+        p.unlink()
+    for p, data in files.items():
+        p.write_bytes(data)
+    told = path.parent / "a.wav.part.json"
+    told.write_text(json.dumps(json.loads(told.read_text()) | {name: junk}))
+    try:
+        assert file.recover(path).frames > 0
+        file.read(path)
+    except SinkError as e:
+        assert str(path) in str(e)
+
+
+# -- logs
+
+
+def session(folder, scene=SCENE, n=2400, fs=8000.0):
+    proc, inputs = stimlib.compile(protect(scene, SAFETY), fs), len(scene.inputs)
+    with LogWriter(folder, header(scene, SAFETY, fs)) as log:
+        proc.set(GAIN, 1.0, 160 / fs)
+        log.event(0, "set", name=GAIN, value=1.0, ramp=160)
+        x = np.full((inputs, n), 0.01)
+        log.motion(x)
+        log.delivered(to_device(proc.process(x), SAFETY.scales(proc.outputs), [0]))
+        log.close({"produced": n})
+    return folder
+
+
+@pytest.mark.parametrize("fs", [1e7, 8000.0])
+def test_a_line_that_declares_a_day_as_lost_is_refused(tmp_path, fs):
+    folder = session(tmp_path / "a", NOISE, fs=fs)
+    with open(folder / "events.jsonl", "a") as f:
+        f.write(json.dumps({"at": 2400, "kind": "lost", "frames": int(86400 * fs)}) + "\n")
+    with pytest.raises(SinkError, match="samples that are lost: .* is more than limits.lost_samples"):
+        read_log(folder)
+
+
+def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
+    folder = session(tmp_path / "a", NOISE)
+    monkeypatch.setattr(stimlib.limits, "log_samples", 2399)
+    with pytest.raises(SinkError, match="samples: 2400 is more than limits.log_samples"):
+        read_log(folder)
+    monkeypatch.setattr(stimlib.limits, "log_samples", 2400)
+    log = read_log(folder)
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 8 * 2400)
+    with pytest.raises(SinkError, match="samples to verify: .* is more than limits.render_bytes"):
+        verify_log(log)
+    monkeypatch.setattr(stimlib.limits, "events_bytes", 100)
+    with pytest.raises(SinkError, match="limits.events_bytes"):
+        read_log(folder)
+
+
+def test_motion_that_is_cut_while_it_is_replayed(tmp_path):
+    folder = session(tmp_path / "a")
+    log = read_log(folder)
+    assert np.array_equal(np.asarray(log.motion), np.full((2400, 1), 0.01)) and log.motion[3:5, 0].tolist() == [0.01, 0.01]
+    os.truncate(folder / "motion.f64", 8000)
+    for call in (replay, verify_log):
+        with pytest.raises(SinkError, match=r"motion.f64 was cut since the log was read"):
+            call(log)
+    (folder / "motion.f64").unlink()
+    os.mkfifo(folder / "motion.f64")
+    with pytest.raises(SinkError, match="not a regular file"):
+        replay(log)
+
+
+@pytest.mark.parametrize("what", ["session.json", "events.jsonl", "motion.f64"])
+def test_pipes_and_folders_in_a_log_are_told(tmp_path, what):
+    folder = session(tmp_path / "a")
+    for plant in (os.mkfifo, os.mkdir, lambda p: os.symlink("/dev/zero", p)):
+        (folder / what).rmdir() if (folder / what).is_dir() else (folder / what).unlink()
+        plant(folder / what)
+        for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
+            done = CliRunner().invoke(app, command)
+            assert done.exit_code == 2 and what in done.stderr and "regular file" in done.stderr
+
+
+NASTY = "\x1b[2J\x1b]0;owned\x07[bold]\x9b31m\u202e"
+
+
+def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
+    folder = session(tmp_path / f"a{NASTY[:4]}")
+    head = json.loads((folder / "session.json").read_text())
+    (folder / "session.json").write_text(json.dumps(head | {"stimlib": NASTY, "device": NASTY}))
+    log = read_log(folder)
+    result = verify_log(log)
+    result.to_html(tmp_path / "a.html")
+    path, good = pair
+    channel = good["channels"][0] | {"name": NASTY, "unit": NASTY}
+    with open(folder / "events.jsonl", "ab") as f:
+        f.write(json.dumps({"at": 0, "kind": NASTY, "text": NASTY}).encode() + b"\n")
+    outputs = [str(replay(log)), str(result), repr(result), (tmp_path / "a.html").read_text(), *log.notes]
+    for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0 and "\\x1b" in done.output
+        outputs.append(done.output)
+    begun = left(tmp_path)
+    told = tmp_path / "a.wav.part.json"
+    told.write_text(json.dumps(json.loads(told.read_text()) | {"channels": [channel]}))
+    done = CliRunner().invoke(app, ["recover", str(begun)])
+    assert done.exit_code == 0 and "\\x1b[2J" in done.output and "[bold]" in done.output
+    (path.parent / "a.wav.json").write_text(json.dumps(good | {"scene_hash": NASTY, "motion": {"x": NASTY}}))
+    failed = CliRunner().invoke(app, ["verify", "squeeze", "--wav", str(path)])
+    assert failed.exit_code == 2
+    for text in [*outputs, done.output, failed.output]:
+        assert not set(text) & set("\x1b\x07\x9b\u202e"), ascii(text)
+
+
+def test_fields_say_what_they_must_be():
+    tests = {"n": fields.whole(3), "t": fields.list_of(fields.record({"a": fields.maybe(fields.text)}))}
+    fields.require({"n": 3, "t": [{"a": None}, {"a": "b", "more": 1}]}, tests)
+    for data, says in [
+        ({}, "n is missing; it must be a whole number from 0 to 3"),
+        ({"n": True}, "n must be a whole number from 0 to 3"),
+        ({"n": 1, "t": [{}]}, r"t must be a list, each value a table of a \(a text or null\)"),
+    ]:
+        with pytest.raises(ValueError, match=says):
+            fields.require(data, tests)
+    for text in (b"[", b"[]", b"[" * 100_000, b"\xff", b'{"a": NaN}', b'{"a": -1e999}', b'{"a": ' + b"1" * 5000 + b"}"):
+        with pytest.raises(ValueError):
+            fields.parse(text)
+
+
+def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
+    (tmp_path / "a").write_bytes(b"x")
+    monkeypatch.setattr(stimlib.limits, "scene_bytes", float("inf"))
+    assert regular.read(tmp_path / "a", "scene_bytes") == b"x"
+
+
+def test_render_tells_of_samples_that_players_clip(tmp_path):
+    words = ["render", "bumps", "--motion", "constant_speed(0.02, 0.1)", "--seconds", "0.2", "--out", str(tmp_path / "a.wav")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0 and "players clip at 1: to listen, give --full-scale" in " ".join(done.stderr.split())
+    done = CliRunner().invoke(app, [*words, "--full-scale", "200"])
+    assert done.exit_code == 0 and done.stderr == ""
