@@ -507,8 +507,8 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     See `LogWriter`.
     """
     folder = Path(folder)
-    if not os.path.isdir(folder):
-        raise SinkError(f"there is no log {folder}, which would be a folder")
+    if not os.path.lexists(folder):
+        raise SinkError(f"there is no log {folder}")
     if not os.path.lexists(folder / "session.json"):
         raise SinkError(f"{folder} is no log: that is the folder that a sink wrote, with session.json in it")
     raw = _json(folder / "session.json")
