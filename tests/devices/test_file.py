@@ -640,7 +640,7 @@ def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
         (minimum_jerk(), BadValue, "motion must map each input name"),
         ({"x": np.zeros(799)}, BadValue, "at least 800 samples; got (799,)"),
         ({"x": np.zeros((2, 800))}, BadValue, "one dimension"),
-        ({"x": "abc"}, BadValue, "function of time or an array of numbers"),
+        ({"x": "abc"}, BadValue, "function of time or an array of real numbers"),
         ({"x": lambda t: t[1:]}, BadValue, "motion of x must give one number per time"),
         ({"x": lambda t: t + 0j}, BadValue, "complex128 out"),
         ({"x": np.r_[np.zeros(500), np.nan, np.zeros(500)]}, BadValue, "not finite at sample 500 (0.0625 s)"),
