@@ -15,8 +15,11 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import BadValue, SinkError
-from .sink import Sink
+from .sink import Sink, keep_loaded
 from .sources import Signals
+
+SILENT_FOR = 2.0
+"""Seconds without a callback after which a server is taken for gone: in synchronous mode a client that was killed holds it up."""
 
 INSTALL = "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
 
@@ -28,6 +31,7 @@ def _jack() -> ModuleType:
         raise SinkError(f"the package JACK-Client is missing ({e}): {INSTALL}") from None
     except OSError as e:
         raise SinkError(f"the JACK library is missing ({e}): {INSTALL}") from None
+    keep_loaded(jack._libname)
     return jack
 
 
@@ -59,6 +63,7 @@ class JackSink(Sink):
     """
 
     device = "jack"
+    silent_for = SILENT_FOR
 
     def __init__(
         self,
@@ -116,7 +121,11 @@ class JackSink(Sink):
         if e.status.server_failed:
             how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
             return SinkError(f"jack: no {where} is running: start one, such as {how}")
-        return SinkError(f"jack: the {where} takes no client: {e}" + (f" ({said[-1]})" if said else ""))
+        why = f"{e} ({said[0]})" if said else str(e)
+        return SinkError(
+            f"jack: the {where} takes no client: {why}: try again; where several servers run on this machine, with a name that "
+            "no client of the others has (play --client)"
+        )
 
     def _is_there(self) -> bool:
         """Whether the server has a client of this name (jackd says only that something went wrong)."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .sink import Sink, fifo
+from .sink import Sink, begin, fifo
 
 
 class NullSink(Sink):
@@ -38,8 +38,7 @@ class NullSink(Sink):
         outs[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
         if not self.clock:
             self.pump.write("WAIT", 1_000_000)
-        self._thread = threading.Thread(target=self._loop, name="stimlib null device", daemon=True)
-        self._thread.start()
+        self._thread = begin(threading.Thread(target=self._loop, name="stimlib null device", daemon=True))
 
     def _loop(self) -> None:
         if self.clock and self.realtime and not fifo():

@@ -8,16 +8,19 @@ warning.
 from __future__ import annotations
 
 import atexit
+import math
 import threading
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from .sink import Sink, _abandoned, _close_all
+from .sink import Sink, _abandoned, _close_all, keep_loaded
 from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
@@ -29,6 +32,20 @@ EVEN_FOR = 0.2
 """Seconds of callbacks at one pace after which it is there."""
 
 
+_library = threading.Lock()
+
+
+@contextmanager
+def _alone(seconds: float = -1) -> Iterator[None]:
+    """PortAudio's calls are not made for several threads at once."""
+    if not _library.acquire(timeout=seconds):
+        raise SinkError(f"portaudio: another sink's device has kept PortAudio busy for {seconds:g} s: close that sink")
+    try:
+        yield
+    finally:
+        _library.release()
+
+
 def _sounddevice() -> ModuleType:
     try:
         import sounddevice
@@ -38,6 +55,7 @@ def _sounddevice() -> ModuleType:
         raise SinkError(f"the PortAudio library is missing ({e}): {INSTALL}") from None
     except Exception as e:  # it is started with the import; its own error cannot be named then
         raise SinkError(f"PortAudio does not start ({e}): see whether other programs play") from None
+    keep_loaded(sounddevice._libname)
     _fade_first()
     return sounddevice
 
@@ -100,14 +118,18 @@ class PortAudioSink(Sink):
         super().__init__(scene, safety, **options)
         self.name, self.latency, self.compiled = name, latency, compiled
         self._stream: Any = None
-        self._ended = threading.Event()
-        self._silent = False
+        self.silent_for = SILENT_FOR if clocked else math.inf
         if isinstance(self.motion, Signals):
             if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
                 raise BadValue(f"portaudio: a device has input channels in their order, no port {ports[0]!r} to connect")
 
     def _open(self) -> None:
-        sd, pump = _sounddevice(), self.pump
+        sd = _sounddevice()
+        with _alone(5.0):
+            self._take(sd)
+
+    def _take(self, sd: ModuleType) -> None:
+        pump = self.pump
         inputs = len(self.proc.inputs) if isinstance(self.motion, Signals) else 0
         self._fits(sd, inputs)
         pump._fill(STRIDE=self.channels, IN_STRIDE=max(inputs, 1))
@@ -175,7 +197,7 @@ class PortAudioSink(Sink):
                 f"this version of sounddevice takes no compiled callback ({e}): Python runs in PortAudio's callback, so the "
                 f"stream stutters while Python is busy; {INSTALL}",
                 RuntimeWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
         return None
 
@@ -190,19 +212,19 @@ class PortAudioSink(Sink):
     def _start(self) -> None:
         sd = _sounddevice()
         try:
-            self._stream.start()
+            with _alone(5.0):
+                self._stream.start()
         except sd.PortAudioError as e:
             raise SinkError(f"portaudio: {self._called(sd)} cannot be started: {e}") from None
         if self.clock:
             self._settle()
-        threading.Thread(target=self._watch_device, name="stimlib device", daemon=True).start()
 
     def _settle(self) -> None:
         """Wait, in silence, until callbacks come at an even pace: what is played before is heard late, and its fades are cut."""
         pace = max(0.1, 3.0 * self._latency())
         began = even = last = time.monotonic()
         calls = self.pump.read("CALLS")
-        while (t := time.monotonic()) - even < max(EVEN_FOR, 2.0 * pace) and t - began < SETTLES_IN and not self._ended.is_set():
+        while (t := time.monotonic()) - even < max(EVEN_FOR, 2.0 * pace) and t - began < SETTLES_IN and not self._device_gone:
             if (now := self.pump.read("CALLS")) != calls:
                 calls, last = now, t
             elif t - last > pace:
@@ -210,35 +232,24 @@ class PortAudioSink(Sink):
             time.sleep(0.002)
 
     def _finished(self) -> None:
-        self._ended.set()
-
-    def _watch_device(self) -> None:
-        """A device that is gone ends its stream, or calls no more, without a word."""
-        polls, calls = 0, -1
-        while not self._closed:
-            ended = self._ended.wait(0.05)
-            if self._closed:
-                return
-            now = self.pump.read("CALLS")
-            polls, calls = (polls + 1 if now == calls else 0), now
-            if ended or (self.clock and polls * 0.05 >= SILENT_FOR):
-                self._silent = not ended
-                why = "has ended the stream" if ended else f"has taken no samples for {SILENT_FOR:g} s"
-                self._device_lost(f"the device {why}: is it still there? No fade-out was possible")
-                return
+        """Called by PortAudio: a device that is gone may end its stream without a word."""
+        if not self._closed:
+            self._device_lost("the device has ended the stream: is it still there? No fade-out was possible")
 
     def _close(self) -> None:
-        stream, self._stream = self._stream, None
+        stream = self._stream
         if stream is None:
             return
         end = getattr(_sounddevice(), "_exit_handler", None)
         if end:
             atexit.unregister(end)  # ending PortAudio waits for a device that never answers, and so would the program
-        if self._silent:
+        if self._hangs:
             _abandoned.append(stream)
             return
-        stream.stop()
-        stream.close()
+        with _alone():
+            stream.stop()
+            stream.close()
+        self._stream = None
         if end:
             atexit.register(end)
         _fade_first()

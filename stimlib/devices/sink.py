@@ -108,6 +108,20 @@ def _lock_memory() -> bool:
     return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
 
 
+def keep_loaded(library: str) -> None:
+    """A library stays in memory until the process has ended: its threads run on where a device hangs."""
+    ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
+
+
+def begin(thread: threading.Thread) -> threading.Thread:
+    """Start a thread; ``SinkError`` where the system has none left."""
+    try:
+        thread.start()
+    except RuntimeError as e:
+        raise SinkError(f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)") from None
+    return thread
+
+
 def fifo(priority: int = 60) -> bool:
     """SCHED_FIFO for the calling thread; False where that is not permitted."""
     try:
@@ -124,6 +138,7 @@ ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal
 _abandoned: list[Any] = []  # memory that a device which never let go may still use
 _open_sinks: set[Sink] = set()  # a device may call as long as its sink is open, so they are kept
 _playing: set[Sink] = set()  # from start to close
+_process = threading.RLock()  # for whoever begins or ends to play: signals and memory are the process's
 
 
 def _end(number, frame) -> None:
@@ -136,32 +151,34 @@ def _in_main_thread() -> bool:
 
 def _begin_playing(sink: Sink) -> None:
     """Signals end the program like an exception does, so that ``with`` and atexit fade out; old objects are not collected."""
-    _playing.add(sink)
-    if _in_main_thread():
-        for s in ENDS:
-            if signal.getsignal(s) is signal.SIG_DFL:
-                signal.signal(s, _end)
-    if sink.realtime:
-        gc.collect()
-        gc.freeze()
-        if not _lock_memory():
-            sink._refused.append("locking memory (ulimit -l)")
+    with _process:
+        _playing.add(sink)
+        if _in_main_thread():
+            for s in ENDS:
+                if signal.getsignal(s) is signal.SIG_DFL:
+                    signal.signal(s, _end)
+        if sink.realtime:
+            gc.collect()
+            gc.freeze()
+            if not _lock_memory():
+                sink._refused.append("locking memory (ulimit -l)")
 
 
 def _end_playing(sink: Sink) -> None:
     """The last one gives back what the first has taken."""
-    if sink not in _playing:
-        return
-    _playing.discard(sink)
-    if not _playing and _in_main_thread():
-        for s in ENDS:
-            if signal.getsignal(s) is _end:
-                signal.signal(s, signal.SIG_DFL)
-    if sink.realtime and not any(other.realtime for other in _playing):
-        gc.unfreeze()
-        libc = ctypes.CDLL(None)
-        if hasattr(libc, "munlockall"):
-            libc.munlockall()
+    with _process:
+        if sink not in _playing:
+            return
+        _playing.discard(sink)
+        if not _playing and _in_main_thread():
+            for s in ENDS:
+                if signal.getsignal(s) is _end:
+                    signal.signal(s, signal.SIG_DFL)
+        if sink.realtime and not any(other.realtime for other in _playing):
+            gc.unfreeze()
+            libc = ctypes.CDLL(None)
+            if hasattr(libc, "munlockall"):
+                libc.munlockall()
 
 
 @contextmanager
@@ -234,8 +251,10 @@ class Sink:
     """
 
     device = "none"
-    _device_gone = False
     clock = True  # whether it has a clock of its own
+    silent_for = math.inf  # seconds without a call after which the device is taken for gone
+    _device_gone = _hangs = False
+    _worker: threading.Thread | None = None
 
     def __init__(
         self,
@@ -305,8 +324,8 @@ class Sink:
         self._watch = Watch(self.proc)
         self._refused: list[str] = []  # of what real time needs
         self._let_go = threading.Event()
-        self._closer = threading.Thread(target=self._close_when_told, name="stimlib close", daemon=True)
-        self._closer.start()  # now: a program that ends starts no thread
+        # now: a program that ends starts no thread
+        self._closer = begin(threading.Thread(target=self._close_when_told, name="stimlib close", daemon=True))
         try:
             self._open()
             if self.clock and self.block and self.block > LONGEST_BLOCK * self.rate:
@@ -347,7 +366,7 @@ class Sink:
         Raises
         ------
         SinkError
-            Not open, or started before.
+            Not open, or started before; the device cannot be started, or no thread: the sink is closed then.
         """
         if not self._opened or self._closed:
             raise SinkError("start: open the sink first" if not self._opened else "start: this sink is closed")
@@ -364,18 +383,25 @@ class Sink:
         self._cursor = 0
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
         self._gone: list[str] = []
+        self._calls, self._silence = 0, 0.0
         self._stales = 0
         self._told: dict[str, dict[str, int]] = {}
         self._told_at = time.monotonic()
-        self._started = True
-        _begin_playing(self)
-        if self._feeder:
-            self._feeder.start()
         self._over = threading.Event()
-        self._worker = threading.Thread(target=self._work, name="stimlib sink", daemon=True)
-        self._worker.start()
-        self._start()
-        self.pump.start(frames)
+        self._started = True
+        try:
+            _begin_playing(self)
+            if self._feeder:
+                begin(self._feeder)
+            self._worker = begin(threading.Thread(target=self._work, name="stimlib sink", daemon=True))
+            self._start()
+            with self._lock:
+                if self._closed:
+                    raise SinkError("start: this sink was closed meanwhile")
+                self.pump.start(frames)
+        except BaseException:
+            self.close()
+            raise
         if self._refused:
             warnings.warn(
                 f"not permitted here: {' and '.join(self._refused)}; the stream may stutter when the machine is busy",
@@ -389,10 +415,12 @@ class Sink:
         Raises
         ------
         SinkError
-            The device has failed.
+            Not started; the device has failed.
         FaultError
             An output has become non-finite.
         """
+        if not self._started:
+            raise SinkError("wait: start the sink first")
         end = math.inf if seconds is None else time.monotonic() + seconds
         while not self.finished and time.monotonic() < end:
             self.check()
@@ -415,6 +443,8 @@ class Sink:
             if not self._started or self._stopped:
                 return
             self._stopped = True
+            if self.pump.state == self.pump.native.IDLE:
+                return  # it has not begun: nothing is to be faded
             self.pump.stop(reason, self._earliest)
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
             seen, since = -1, time.monotonic()
@@ -453,7 +483,9 @@ class Sink:
                 warnings.warn(why, RuntimeWarning, stacklevel=3)
             if self._started:
                 self._over.set()
-                if threading.current_thread() is not self._worker:  # as where a log calls close
+                if self._worker is None:  # no thread could be started
+                    self._work()
+                elif threading.current_thread() is not self._worker:  # as where a log calls close
                     self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
                     if self._worker.is_alive():
                         warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
@@ -480,6 +512,7 @@ class Sink:
         try:
             self._close()
         except Exception as e:
+            _abandoned.append((self.pump, self))
             if self.error is None and self._opened:
                 self.error = SinkError(f"{self.device}: closing failed: {e}")
 
@@ -586,6 +619,16 @@ class Sink:
             self.pump.write("WAIT", 0)  # for a hand or a log that may have ended
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
 
+    def _watch_device(self, seconds: float) -> None:
+        """A device that hangs calls no more, without a word; ``seconds`` have passed since the last look."""
+        calls = self.pump.read("CALLS")
+        even = calls != self._calls or self.pump.state == self.pump.native.IDLE
+        self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
+        if self._silence >= self.silent_for and not (self._device_gone or self._closed):
+            self._hangs = True
+            why = f"the device has taken no samples for {self.silent_for:g} s: is it still there? No fade-out was possible"
+            self._device_lost(why)
+
     # The ordinary thread -----------------------------------------------------------------------------------------
     def _make_log(self) -> Any:
         if self._log_to is None:
@@ -618,9 +661,12 @@ class Sink:
         }
 
     def _work(self) -> None:
+        looked = time.monotonic()
         try:
             while not self._over.wait(0.001 if self.pump.hurried else 0.01):
                 self._drain()
+                seen, looked = looked, time.monotonic()
+                self._watch_device(min(looked - seen, 0.05))  # at most: a process that was stopped has heard no call either
             for _ in range(3):
                 self._drain()
             self._tell(2**63)

@@ -25,7 +25,7 @@ F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)  # frames of a block a
 # the device: addresses of its buffers, floats from frame to frame; functions of the system
 OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
 CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
-RATE, CALLS = range(80, 82)  # PortAudio: frames per second (bits of a float), blocks so far
+RATE, CALLS = range(80, 82)  # PortAudio: frames per second (bits of a float); blocks that any device has asked for
 WORDS = 96
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
@@ -325,6 +325,7 @@ def advance(c, n, keep):
 @njit(error_model="numpy")
 def produce(c, n, lost):
     """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped.  Then commit or withdraw."""
+    store(c, CALLS, c[CALLS] + 1)
     start = now(c)
     done = 0
     if load(c, STATE) == RUNNING:
@@ -457,7 +458,6 @@ def portaudio_block(c, source, out, n, dac, flags):
     pump(c, n, lost)
     if underflow and was == RUNNING and load(c, STATE) == RUNNING:
         c[UNDERRUNS] = before + 1
-    store(c, CALLS, c[CALLS] + 1)
 
 
 @cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
