@@ -308,11 +308,12 @@ class Sinks(StrEnum):
 
 
 FULL_SCALE = typer.Option(
-    help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond.", show_default=False
+    help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond. For different units: a=50,b=0.1.",
+    show_default=False,
 )
 PEAK = typer.Option(help="Largest force in N, of outputs in N.")
 STATIC = typer.Option(help="Largest lasting force in N, of outputs in N.")
-SLEW = typer.Option(help="Fastest change, in units of the outputs per second.")
+SLEW = typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale.")
 CHANNELS = typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
 CONNECT = typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable.")
 LOG = typer.Option("--log", help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
@@ -321,10 +322,13 @@ SEED = typer.Option(help="Key of all noise.")
 RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
 
 
-def _safety(full_scale: float, peak: float | None, static: float | None, slew: float | None) -> Any:
+def _safety(full_scale: str, peak: float | None, static: float | None, slew: str | None) -> Any:
     from .devices.safety import Safety
 
-    return Safety(full_scale, slew=slew, peak=peak, static=static)
+    def of_each(text: Any) -> Any:
+        return {p.partition("=")[0]: p.partition("=")[2] for p in text.split(",")} if text and "=" in text else text
+
+    return Safety(of_each(full_scale), slew=of_each(slew), peak=peak, static=static)
 
 
 def _ports(connect: list[str]) -> list[str] | str | None:
@@ -365,7 +369,7 @@ def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds
 @app.command()
 def play(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[float, FULL_SCALE],
+    full_scale: Annotated[str, FULL_SCALE],
     sink: Annotated[Sinks, typer.Option(help="What plays: see [bold]stimlib devices[/].")] = Sinks.null,
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
@@ -389,7 +393,7 @@ def play(
     fs: Annotated[float, RATE] = 8000.0,
     peak: Annotated[float | None, PEAK] = None,
     static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[float | None, SLEW] = None,
+    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
@@ -477,7 +481,7 @@ class Loops(StrEnum):
 @app.command()
 def loopback(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[float, FULL_SCALE],
+    full_scale: Annotated[str, FULL_SCALE],
     sink: Annotated[Loops, typer.Option(help="What plays and records.")] = Loops.jack,
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
     connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
@@ -504,7 +508,7 @@ def loopback(
     fs: Annotated[float, RATE] = 8000.0,
     peak: Annotated[float | None, PEAK] = None,
     static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[float | None, SLEW] = None,
+    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,

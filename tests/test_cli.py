@@ -25,6 +25,9 @@ OWN = """
 from stimlib import Input, Param, Scene
 def soft():
     return Scene({"force": Param("k", 500.0, "N/m") * Input("x", "m")})
+def two():
+    x = Input("x", "m")
+    return Scene({"force": Param("k", 500.0, "N/m") * x, "place": 1 * x})
 def broken():
     return Scene({"y": 1.0 / Input("x", "m")})
 def number():
@@ -390,6 +393,16 @@ def test_play_leaves_a_log_that_replays(tmp_path):
     assert done.exit_code == 0, done.output
 
 
+def test_play_with_outputs_of_different_units(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["play", f"{tmp_path / 'own.py'}:two", "--motion", "minimum_jerk()", "--fast", "--seconds", "1"]
+    done = run.invoke(app, [*words, "--full-scale", "force=50,place=0.1", "--slew", "force=1e6"])
+    assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
+    for wrong, says in [("50", "force [N], place [m]"), ("force=50", "at place"), ("force=50,place", "place'] must be a number")]:
+        done = run.invoke(app, [*words, "--full-scale", wrong])
+        assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
+
+
 @pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
     from stimlib.devices.log import delivered, read_log, replay
@@ -482,7 +495,7 @@ def test_devices_says_what_there_is_and_how_to_get_the_rest():
     assert any(line.split()[1] == "portaudio" for line in lines)
 
 
-@needs_jack()
+@needs_jack
 def test_play_and_loopback_on_a_server():
     from stimlib.devices.jack import JackSink
 

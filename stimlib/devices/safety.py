@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..blocks.actuator import ForceLimit, Tally, slew_limit, static_limit
-from ..errors import BadValue, SceneError, UnknownName
+from ..errors import BadValue, SceneError, UnitError, UnknownName
 from ..graph import Block, Const, Guard, Mul, Param
 from ..scene import Scene
 
@@ -32,9 +32,9 @@ class Safety:
     Parameters
     ----------
     full_scale : float or dict of str to float
-        The value, in each output's unit, that is 1.0 at the device; one number serves all outputs.
+        The value, in each output's unit, that is 1.0 at the device; one number serves all outputs, which then have one unit.
     slew : float or dict of str to float, optional
-        Fastest change, in the output's unit per second.
+        Fastest change, in the output's unit per second; one number as for ``full_scale``.
     peak : float, optional
         Peak force in N that the motor bears, of every output in N.
     static : float, optional
@@ -133,6 +133,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     ------
     SceneError
         The scene has a live number or input ``sink_gain`` of its own.
+    UnitError
+        One number as full scale or slew for outputs of different units.
     UnknownName
         Full scale or slew for an output that does not exist.
     BadValue
@@ -154,6 +156,12 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     if (safety.peak or safety.static) and not any(str(b.dim) == "N" for b in scene.outputs.values()):
         units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
         raise BadValue(f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use full_scale or slew")
+    for field in ("full_scale", "slew"):
+        told = getattr(safety, field)
+        if isinstance(told, float) and len({str(b.dim) for b in scene.outputs.values()}) > 1:
+            units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
+            each = ", ".join(f"{n!r}: .." for n in names)
+            raise UnitError(f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}): give {{{each}}}")
     scales = safety.scales(names)
     outputs: dict[str, Block] = {}
     for name, scale in zip(names, scales, strict=True):

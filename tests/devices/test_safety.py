@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, constant
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
 from stimlib.devices.safety import GAIN, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze
 
@@ -170,6 +170,15 @@ def test_names_that_do_not_fit():
     for limit in ({"peak": 1.0}, {"static": 1.0}):
         with pytest.raises(BadValue, match=r"outputs in N, and this scene has none: a \[1\], b \[1\]"):
             protect(scene, Safety(1.0, **limit))
+
+
+def test_one_number_is_not_for_outputs_of_different_units():
+    scene = Scene({"force": 1.0 * Input("f", "N"), "x": 1.0 * Input("x", "m")})
+    with pytest.raises(UnitError, match=r"full_scale = 50 cannot .*force \[N\], x \[m\].*give {'force': .., 'x': ..}"):
+        protect(scene, Safety(50.0))
+    with pytest.raises(UnitError, match="slew = 3 cannot be"):
+        protect(scene, Safety({"force": 50.0, "x": 0.1}, slew=3.0))
+    protect(scene, Safety({"force": 50.0, "x": 0.1}, slew={"force": 3.0}, peak=20.0))
 
 
 def test_equal_outputs_are_counted_apart():
