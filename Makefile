@@ -27,7 +27,7 @@ lint: .venv/ready
 
 test: lint
 	@sh tests/devices/install.sh
-	$(ENV) $(BIN)/python -m pytest -q -n 2
+	$(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup
 
 # Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv

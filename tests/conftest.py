@@ -1,6 +1,63 @@
-"""Settings of all tests: generated examples are the same on every run, and take the time they take."""
+"""Settings of all tests: generated examples are the same on every run, and take the time they take; and what JACK needs."""
 
+import ctypes
+import warnings
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("stimlib", derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 settings.load_profile("stimlib")
+
+
+# JACK ----------------------------------------------------------------------------------------------------------------
+# JACK's sockets in /dev/shm are named after the client alone: clients of one name that open at the same time on two servers of
+# a machine get each other's socket, and both servers refuse.  So a run has a /dev/shm of its own where that is permitted, and all
+# tests of JACK are done by one worker.
+def pytest_configure(config):
+    config.addinivalue_line("markers", "jack: needs a JACK server")
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
+def pytest_collection_modifyitems(items):
+    if not (marked := [item for item in items if item.get_closest_marker("jack")]):
+        return
+    from devices.servers import no_jack
+
+    missing = no_jack()
+    for item in marked:
+        item.add_marker(pytest.mark.xdist_group("jack"))
+        if missing:
+            item.add_marker(pytest.mark.skip(reason=f"needs a JACK server: {missing} (tests/devices/install.sh)"))
+    if not missing:
+        own_shared_memory()
+
+
+def own_shared_memory():
+    """An empty /dev/shm and semaphores for this thread and its children; False where that is not permitted (as to most users)."""
+    new_namespaces, private = 0x00020000 | 0x08000000, 0x4000 | 0x40000  # CLONE_NEWNS | CLONE_NEWIPC, MS_REC | MS_PRIVATE
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "unshare") or libc.unshare(new_namespaces):
+        return False
+    return not (libc.mount(b"none", b"/", None, private, None) or libc.mount(b"tmpfs", b"/dev/shm", b"tmpfs", 0, None))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """A JACK server that refuses a client, as may happen where others use JACK too: once more with a new one, and told."""
+    try:
+        return (yield)
+    except Exception as e:
+        if not pyfuncitem.get_closest_marker("jack") or "takes no client" not in str(e):
+            raise
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.warn(f"{pyfuncitem.nodeid} was done again with a new server: {e}", pytest.PytestWarning, stacklevel=2)
+        given = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+        if "server" in given:
+            given["server"].renew()
+        if "tmp_path" in given:
+            given["tmp_path"] = given["tmp_path"] / "again"
+            given["tmp_path"].mkdir()
+        pyfuncitem.obj(**given)
+        return True

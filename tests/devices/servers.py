@@ -90,12 +90,53 @@ def kept(events, n):
     return out
 
 
+# What real time does to a session is no fault of a fade: a device plays silence for a block that it did not get, and a client
+# that records may come late itself.  The sink tells its losses with their sample, the recorder has JACK's time of each frame,
+# and only steps between frames that neither has lost are judged.
 def largest_step(frames, events):
-    """Between delivered frames that follow each other, from silence on: a busy machine may lose some in the middle of a fade."""
+    """Between delivered frames that follow each other, from silence on."""
     lost = sum(e["frames"] for _, kind, e in events if kind == "lost")
     index = np.flatnonzero(kept(events, len(frames) + lost))
+    first = np.abs(frames[0]).max() * (index[0] == 0)
+    return max(float(first), _between_neighbours(frames, index)[0])
+
+
+def _between_neighbours(frames, index):
+    """Largest step between frames whose indices follow each other, and the largest between the others."""
     steps = np.abs(np.diff(frames, axis=0)).max(axis=1, initial=0)
-    return max(float(np.abs(frames[0]).max()), float(steps[np.diff(index) == 1].max()))
+    near = np.diff(index) == 1
+    return float(steps[near].max(initial=0)), float(steps[~near].max(initial=0))
+
+
+def faded(frames, events, fade=160):
+    """A steady full scale, as logged, came and went in steps of at most 1 %."""
+    there = kept(events, len(frames) + sum(e["frames"] for _, kind, e in events if kind == "lost"))
+    assert largest_step(frames, events) <= 0.01
+    assert not there[-1] or not frames[-1].any()
+    assert frames.max() == 1.0 or not there[fade:-fade].any()
+
+
+def captured_fades(frames, index, events):
+    """The same of a capture, by the sample of the session at whose time each frame was; False where frames are missing in a fade.
+
+    Such a capture is to be done again.
+    """
+    there = kept(events, max(int(index[-1]) + 1, 1))
+    known = np.where(index >= 0, there[np.maximum(index, 0)], True)
+    near, far = _between_neighbours(frames[known], index[known])
+    assert near <= 0.01
+    if far > 0.01:
+        return False
+    assert frames.max() == 1.0 and not frames[-1].any()
+    return True
+
+
+def until_judged(take, takes=8):
+    """Do a take again until it can be judged."""
+    for _ in range(takes):
+        if take():
+            return
+    pytest.fail(f"frames were missing in a fade in each of {takes} captures")
 
 
 def without(monkeypatch, package, error):
@@ -111,15 +152,18 @@ def without(monkeypatch, package, error):
 
 
 # JACK ----------------------------------------------------------------------------------------------------------------
-def needs_jack():
-    """Skip where there is no JACK; a mark for a whole file is ``pytestmark = needs_jack()``."""
+needs_jack = pytest.mark.jack
+"""Skip where there is no JACK; see ``conftest.py`` for what else it does.  For a whole file: ``pytestmark = needs_jack``."""
+
+
+def no_jack():
+    """What a JACK server is missing, or None."""
     try:
         import jack  # noqa: F401
 
-        missing = None if shutil.which("jackd") else "the command jackd"
+        return None if shutil.which("jackd") else "the command jackd"
     except (ImportError, OSError) as e:
-        missing = str(e)
-    return pytest.mark.skipif(missing is not None, reason=f"needs a JACK server: {missing} (tests/devices/install.sh)")
+        return str(e)
 
 
 class Jackd:
@@ -130,6 +174,7 @@ class Jackd:
     """
 
     def __init__(self, rate=8000, block=64, captures=8, playbacks=24, options=()):
+        self._told = (rate, block, captures, playbacks, options)
         self._room()
         self.name, self._lock = self._free_name()
         self.rate, self.block = rate, block
@@ -174,6 +219,12 @@ class Jackd:
         self._out.close()
         self._lock.close()
 
+    def renew(self):
+        """Another server in its place."""
+        self.__exit__()
+        self.__init__(*self._told)
+        self.__enter__()
+
     @staticmethod
     def _room(need=48, seconds=20):
         """A server shares some 40 MiB of memory; containers may have few, and are killed for want of them."""
@@ -211,12 +262,6 @@ def Capture(server, channels, size, name="capture"):
             if attempt == 4:
                 raise
             time.sleep(0.5)
-
-
-def step(frames, times):
-    """Largest step of one channel; None where it may only seem one, because frames in between were not captured."""
-    steps, gap = np.abs(np.diff(frames)), np.diff(times) != 1
-    return None if steps[gap].max(initial=0) > 0.01 else float(steps[~gap].max())
 
 
 def aligned(captured, expected):

@@ -684,7 +684,7 @@ def test_a_sink_whose_disk_is_full_fades_out(tmp_path):
         subprocess.run(["umount", str(small)], check=True)
 
 
-@needs_jack()
+@needs_jack
 def test_a_session_on_a_jack_server_with_changes_and_losses(tmp_path):
     from stimlib.devices.jack import JackSink
 

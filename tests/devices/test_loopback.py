@@ -67,7 +67,7 @@ def test_the_verdict():
         assert not result.passed and text in str(result) and "FAILED" in str(result)
 
 
-@needs_jack()
+@needs_jack
 def test_loopback_on_a_server(tmp_path):
     with Jackd(48000, 128) as server:
         told = dict(motion=HAND, server=server.name, realtime=False)

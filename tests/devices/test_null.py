@@ -11,7 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
-from devices.servers import SLACK, Seen, kept, largest_step, offline, replayed, textured
+from devices.servers import SLACK, Seen, faded, kept, largest_step, offline, replayed, textured
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnknownName, constant
@@ -281,11 +281,6 @@ def test_a_log_that_fails_does_not_cut_the_fade_short():
 
 
 # Ways out ------------------------------------------------------------------------------------------------------------
-def smooth(log):
-    y = np.concatenate(log.frames)
-    assert largest_step(y, log.events) <= 0.01 and y[-1] == 0 and y.max() == 1.0
-
-
 @pytest.mark.parametrize("way", ["stop", "close", "leave", "exception", "keyboard", "end"])
 def test_every_way_out_fades(way):
     log = Seen()
@@ -304,7 +299,7 @@ def test_every_way_out_fades(way):
                 raise KeyboardInterrupt
     except (ValueError, KeyboardInterrupt):
         assert way in ("exception", "keyboard")
-    smooth(log)
+    faded(np.concatenate(log.frames), log.events)
     assert sink.finished
 
 
@@ -358,7 +353,7 @@ def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
     assert child.returncode == code
     with np.load(path) as saved:
         y, events = saved["frames"], [(at, "lost", {"frames": n}) for at, n in saved["lost"].tolist()]
-    assert y.max() == 1.0 and y[-1] == 0 and largest_step(y, events) <= 0.01
+    faded(y, events)
 
 
 @pytest.mark.parametrize("what", [signal.SIGINT, signal.SIGTERM])
@@ -383,7 +378,7 @@ with sink: sink.wait(20)"""
     assert child.returncode in (late, 143 if what == signal.SIGTERM else -2)
     with np.load(path) as saved:
         y, events = saved["frames"], [(at, "lost", {"frames": n}) for at, n in saved["lost"].tolist()]
-    assert y.max() == 1.0 and y[-1] == 0 and largest_step(y, events) <= 0.01
+    faded(y, events, fade=4000)
 
 
 def test_a_program_that_ends_needs_no_new_thread_to_close(monkeypatch):
