@@ -60,7 +60,7 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     scene = Scene({"y": 1.0 * Input("x", "m"), "z": Input("w") * 1})
     n = round(seconds * FS)
     w = np.linspace(0, 1, n)
-    with NullSink(scene, 1.0, motion={"x": hand, "w": w}, clocked=clocked, log=log, realtime=False) as sink:
+    with NullSink(scene, {"y": 1.0, "z": 1.0}, motion={"x": hand, "w": w}, clocked=clocked, log=log, realtime=False) as sink:
         sink.open(FS)
         sink.start()
         sink.wait(30)
