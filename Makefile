@@ -1,19 +1,29 @@
 # The whole set-up on a fresh machine: `make demo` and `make test` make their own environment in .venv.
 PYTHON ?= python3
+LOWEST ?= python3.11
 BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test stress soak lint docs bench clean
+.PHONY: demo test test-lowest stress soak lint docs bench lock clean
 
-.venv/ready: pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+# An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
+define environment
+	@$(2) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "stimlib needs Python 3.11 or later; say make PYTHON=python3.12, for instance"; exit 1; }
-	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	@$(2) -c 'import ensurepip' 2>/dev/null || { \
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then apt-get update -q && apt-get install -y -q python3-venv; \
 	  else echo "Python's venv is missing; install it first, for instance: sudo apt-get install python3-venv"; exit 1; fi; }
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	@touch $@
+	$(2) -m venv $(1)
+	$(1)/bin/python -m pip install -q --disable-pip-version-check --require-hashes -r $(3)
+	$(1)/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(1)/ready
+endef
+
+.venv/ready: pyproject.toml requirements.txt
+	$(call environment,.venv,$(PYTHON),requirements.txt)
+
+.venv-lowest/ready: pyproject.toml requirements-lowest.txt
+	$(call environment,.venv-lowest,$(LOWEST),requirements-lowest.txt)
 
 demo: .venv/ready
 	@mkdir -p demo
@@ -28,6 +38,11 @@ lint: .venv/ready
 test: lint
 	@sh tests/devices/install.sh
 	$(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup
+
+# The same tests on the lowest versions that pyproject.toml allows, on the lowest Python.
+test-lowest: .venv-lowest/ready
+	@sh tests/devices/install.sh
+	$(ENV) .venv-lowest/bin/python -m pytest -q -n 2
 
 # Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
@@ -48,5 +63,16 @@ bench: .venv/ready
 	$(ENV) $(BIN)/python benchmarks/chain.py
 	$(ENV) PYTHONPATH=tests $(BIN)/python benchmarks/streaming.py
 
+# Writes both requirements files anew after a change in pyproject.toml, keeping every release that still fits; to take a newer
+# one, delete its lines first.  Hashes of all files of a release: one file serves every Python and platform.
+LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes \
+	--no-annotate --custom-compile-command "make lock"
+
+lock:
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip install -q --disable-pip-version-check uv
+	$(LOCK) -o requirements.txt
+	$(LOCK) --resolution lowest-direct -o requirements-lowest.txt
+
 clean:
-	rm -rf .venv demo docs/_build
+	rm -rf .venv .venv-lowest .venv-lock demo docs/_build
