@@ -24,7 +24,7 @@ def text_of(*pages: str) -> str:
 
 def test_docs_build_without_warnings(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
-    done = subprocess.run([*command, str(DOCS), str(tmp_path / "html")], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*command, str(DOCS), str(tmp_path / "html")], capture_output=True, text=True, timeout=900)
     assert (done.returncode, done.stderr) == (0, "")
     made = {p.relative_to(tmp_path / "html").with_suffix(".rst") for p in (tmp_path / "html").rglob("*.html")}
     assert {p.relative_to(DOCS) for p in PAGES} <= made
