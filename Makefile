@@ -42,7 +42,7 @@ test: lint
 # The same tests on the lowest versions that pyproject.toml allows, on the lowest Python.
 test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
-	$(ENV) .venv-lowest/bin/python -m pytest -q -n 2
+	$(ENV) .venv-lowest/bin/python -m pytest -q -n 2 --dist loadgroup
 
 # Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
