@@ -1,7 +1,7 @@
 """Fuzz the readers of files: ``run.py SECONDS [READER ...]``, or with coverage as a guide ``run.py --guided SECONDS READER``.
 
 Each input that breaks the promise is kept in cases/READER, and from then on ``make test`` tries it.  With --guided it needs
-atheris (``pip install -e '.[fuzz]'``) and stops at the first one; else it goes on and tells all of them.
+atheris (``pip install atheris``) and stops at the first one; else it goes on and tells all of them.
 """
 
 from __future__ import annotations
