@@ -28,7 +28,7 @@ class Scene:
     ----------
     outputs : dict of str to Block
     law : str, optional
-        Name of the physical law (``stimlib.checks.laws.SCENES``) that a verifier shall hold the outputs against.
+        Name of the physical law (``stimlib.checks.scenes.SCENES``) that a verifier shall hold the outputs against.
 
     Raises
     ------

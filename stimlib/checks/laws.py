@@ -1,6 +1,6 @@
 """Physical laws, written here from the papers and on their own: nothing of a block's design or step is used.
 
-``RESPONSES`` says what a linear block stands for; ``SCENES`` what a whole scene's outputs must be, given its noise.
+``RESPONSES`` says what a linear block stands for; what whole scenes must be is put together from these in ``scenes``.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ..errors import shown
 from ..files import regular
 
 if TYPE_CHECKING:
-    from .verify import Check, Evidence
+    from .evidence import Check, Evidence
 
 GROUPS = {
     "a1": "compiled impulse responses",

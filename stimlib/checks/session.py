@@ -12,8 +12,10 @@ from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
 from ..graph import Input
 from ..scene import Scene
+from .evidence import Check, Evidence, keep_taps, with_taps
 from .report import Report
-from .verify import Check, Evidence, _generator, _limits, _lti, _noise, _same_samples, _scene_law, _tap, _with_taps
+from .scenes import scene_law
+from .verify import generator, limits, linear_blocks, noise, same_samples
 
 
 def verify_log(log: Log, scene: Scene | None = None) -> Report:
@@ -47,10 +49,10 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
         raise SinkError(f"{log.folder}: nothing was delivered under a hash, so there is nothing to verify")
     e = _evidence(log)
     law, cut = _lawful(e, log)
-    checks = [*_delivered(e, log), *_lti(e), *_same_samples(e), *_generator(e), *_noise(e)]
+    checks = [*_delivered(e, log), *linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
     if cut:
-        checks += _scene_law(law)
-    checks += _limits(e)
+        checks += scene_law(law)
+    checks += limits(e)
     e.skipped += log.notes
     if log.lost:
         lost = sum(n for _, n in log.lost)
@@ -61,7 +63,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
 
 
 def _evidence(log: Log) -> Evidence:
-    augmented, found = _with_taps(log.scene, log.fs)
+    augmented, found = with_taps(log.scene, log.fs)
     rows = len(augmented.outputs) + 5 * len(log.outputs) + 2 * len(log.inputs)  # what is kept below and while it is compared
     limits.check("render_bytes", 8.0 * rows * log.frames, f"{log.folder}: bytes of the samples to verify", SinkError)
     seen = np.hstack([y for _, y in blocks(log, processor(log, augmented))])
@@ -74,7 +76,7 @@ def _evidence(log: Log) -> Evidence:
     y, motion = seen[: len(log.outputs)].copy(), dict(zip(proc.inputs, x, strict=True))
     e = Evidence(log.scene, proc, log.fs, log.seed, params, x, y, shown, log.folder.name, None, motion)
     e.changes, e.session = changes, True
-    _tap(e, seen, found)
+    keep_taps(e, seen, found)
     return e
 
 

@@ -9,7 +9,7 @@ from hands import RECORDINGS, hand
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
-from stimlib.checks.verify import Check
+from stimlib.checks.evidence import Check
 from stimlib.devices import file
 from stimlib.devices.motion import jittered, minimum_jerk, quantised, ramp_and_hold
 

@@ -224,14 +224,14 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
 @pytest.mark.parametrize(("what", "says"), [("value", 1501.0), ("ramp", 161), ("at", 12002)])
 def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, what, says):
     """The law follows the live numbers of the log by itself: a processor that does something else is found."""
-    from stimlib.checks import verify
+    from stimlib.checks import scenes
 
     x = np.stack([minimum_jerk(depth=0.01)(np.arange(16000) / FS)])
     play(tmp_path / "a", squeeze(fingers=1), Safety(50.0), x, sets=[(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160)])
     log = read_log(tmp_path / "a")
-    honest = verify._live
+    honest = scenes.live
     wrong = {"value": (12001, "k", 1501.0, 0.02), "ramp": (12001, "k", 1500.0, 0.020125), "at": (12002, "k", 1500.0, 0.02)}
-    monkeypatch.setattr(verify, "_live", lambda e, name: honest(dc.replace(e, changes=[wrong[what]]), name))
+    monkeypatch.setattr(scenes, "live", lambda e, name: honest(dc.replace(e, changes=[wrong[what]]), name))
     failed = {c.name for c in verify_log(log).checks if not c.passed}
     assert failed == {"force1: mean part is k x", "force1: vibration law"}
 
@@ -246,15 +246,15 @@ def test_other_laws_follow_changes_too(tmp_path, monkeypatch, law, wrong):
     play(tmp_path / "a", scene, Safety(full_scale=1000.0), x, sets=[(0, GAIN, 1.0, 160), *sets])
     log = read_log(tmp_path / "a")
     if wrong:  # the law reads the log by itself, so a session that was played otherwise is found
-        from stimlib.checks import verify
+        from stimlib.checks import scenes
 
-        honest = verify._live
+        honest = scenes.live
 
         def dishonest(e, name):
             some = [(at + (wrong == "at"), n, v * (1 + 1e-3 * (wrong == "value")), r) for at, n, v, r in e.changes]
             return honest(dc.replace(e, changes=some), name)
 
-        monkeypatch.setattr(verify, "_live", dishonest)
+        monkeypatch.setattr(scenes, "live", dishonest)
     report = verify_log(log)
     assert report.passed == (wrong is None), str(report)
     assert not any("law of the scene" in text for text in report.evidence.skipped)

@@ -1,0 +1,190 @@
+"""What the checks of one verification look at: the delivered samples, a re-render, and the noise seen inside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue
+from ..graph import Block, Enabled, reach
+from ..processor import Processor, compile
+from ..rendering import Rendering, positions, sources_of
+from ..scene import Scene
+from . import laws, spectra
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison: passed where measured <= limit."""
+
+    group: str
+    name: str
+    measured: float
+    limit: float
+    text: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether it held; a measurement that is not a number does not."""
+        return bool(self.measured <= self.limit)
+
+
+@dataclass(frozen=True)
+class Tap:
+    """One gated noise of the scene, seen before gate and rate on its own clock."""
+
+    name: str
+    output: str
+    stream: np.ndarray  # the enabled samples, one after the other
+    gated: np.ndarray  # with 0 while held
+    gate: np.ndarray
+    model: Callable[[np.ndarray], np.ndarray]  # one-sided PSD
+    f_low: float
+    f_high: float
+    noise: str
+    spectrum: spectra.Spectrum | None = None
+
+
+@dataclass
+class Evidence:
+    """What the checks look at; the report draws from it."""
+
+    scene: Scene
+    proc: Processor
+    fs: float
+    seed: int
+    params: dict[str, float]
+    x: np.ndarray
+    y: np.ndarray  # the re-render in float64
+    shown: np.ndarray  # what was delivered
+    source: str
+    sidecar: dict[str, Any] | None
+    motion: dict[str, Any]
+    taps: list[Tap] = field(default_factory=list)
+    fingers: dict[str, laws.Finger] = field(default_factory=dict)
+    curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
+    skipped: list[str] = field(default_factory=list)
+    changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
+    session: bool = False  # delivered through a safety stage, which checks/session.py compares
+
+
+def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Evidence:
+    sidecar = None
+    if isinstance(rendering, Rendering):
+        fs, seed, params, shown = rendering.fs, rendering.seed, dict(rendering.params), rendering.y
+        source = "rendering in memory"
+        if rendering.scene.hash != scene.hash:
+            raise BadValue("the rendering is of another scene")
+    else:
+        from ..devices import file
+
+        shown, sidecar = file.read(rendering)
+        fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
+        source = Path(rendering).name
+        if sidecar["scene_hash"] != scene.hash:
+            raise BadValue(
+                f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]}, this one {scene.hash[:12]}); "
+                "give the same scene with the same numbers, or render again"
+            )
+    if sidecar is not None and (sidecar["index"] or any(change["at"] for change in sidecar["log"])):
+        raise BadValue(f"{rendering} goes on from an earlier sample of its processor; verify files that begin at sample 0")
+    proc = compile(scene, fs, seed=seed)
+    settle(proc, params, sidecar)
+    frames = shown.shape[1]
+    sources = sources_of(motion, proc.inputs, frames)
+    x = positions(sources, 0, frames, fs)
+    augmented, found = with_taps(scene, fs)
+    watch = compile(augmented, fs, seed=seed)
+    settle(watch, params, sidecar)
+    seen = watch.process(x)
+    e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
+    keep_taps(e, seen, found)
+    return e
+
+
+def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
+    """Keep the gated noises among what an augmented scene gave."""
+    n = len(e.scene.outputs)
+    for k, (output, block, model, f_low, f_high, noise) in enumerate(found):
+        gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0  # a copy, or all that was seen would be kept
+        e.taps.append(Tap(f"{block!r}", output, gated[gate], gated, gate, model, f_low, f_high, noise))
+
+
+def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:
+    """The live numbers as they were when the rendering began: set at once, or along the ramps that were logged."""
+    if sidecar is None:
+        for name, value in params.items():
+            proc.set(name, value, ramp=0.0)
+    else:
+        for change in sidecar["log"]:
+            proc.set(change["name"], change["value"], change["ramp"])
+
+
+def with_taps(scene: Scene, fs: float):
+    """The scene with every gated noise and its gate as further outputs (no bit of the others changes)."""
+    outputs, seen = dict(scene.outputs), set()
+    found: list[tuple] = []
+    for name, root in scene.outputs.items():
+        for b in reach([root]):
+            if isinstance(b, Enabled) and id(b) not in seen:
+                seen.add(id(b))
+                model = noise_model(b.block, fs)
+                if model is not None:
+                    outputs[f"tap{len(found)}"], outputs[f"gate{len(found)}"] = b, b.by
+                    found.append((name, b, *model))
+    return Scene(outputs), found
+
+
+def noise_model(root: Block, fs: float):
+    """(PSD, f_low, f_high, source) of a chain of known linear blocks on white noise, by their physical laws; else None."""
+    chain: list[laws.Response] = []
+    b = root
+    while not hasattr(b, "noise_key"):
+        law = laws.RESPONSES.get(type(b))
+        if law is None:
+            return None
+        chain.append(law(b, fs))
+        b = b.children[0]
+
+    def psd(f):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 2 / fs * np.prod([np.abs(r.law(f)) ** 2 for r in chain], axis=0)
+
+    low, high = max((r.f_low for r in chain if r.f_low > 1), default=1.0), min((r.f_high for r in chain), default=fs / 2)
+    return psd, low, high, "white({}, {})".format(*b.noise_key)
+
+
+def change(proc: Processor, changes: list[tuple[int, str, float, float]], at: int) -> None:
+    """What is set right before sample at."""
+    for change in changes:
+        if change[0] == at:
+            proc.set(*change[1:])
+
+
+def drive(proc: Processor, x: np.ndarray, changes: list[tuple[int, str, float, float]], start: int = 0) -> np.ndarray:
+    """The outputs for the motion of samples from start on, live numbers set where they were."""
+    end = start + x.shape[1]
+    edges = sorted({start, end} | {c[0] for c in changes if start < c[0] < end})
+    y = np.empty((len(proc.outputs), end - start))
+    for at, stop in pairwise(edges):
+        change(proc, changes, at)
+        y[:, at - start : stop - start] = proc.process(np.ascontiguousarray(x[:, at - start : stop - start]))
+    return y
+
+
+def live(e: Evidence, name: str) -> np.ndarray:
+    """A live number at every sample, its ramps written again as straight lines."""
+    n = e.x.shape[1]
+    y, changes = np.full(n, e.params[name]), [c for c in e.changes if c[1] == name and c[0] < n]
+    for k, (at, _, target, ramp) in enumerate(changes):
+        end = changes[k + 1][0] if k + 1 < len(changes) else n
+        share = np.minimum(np.arange(1, end - at + 1) / max(1, round(ramp * e.fs)), 1.0)
+        before = y[at - 1] if at else e.params[name]
+        y[at:end] = np.where(share < 1, before + (target - before) * share, target)
+    return y

@@ -1,0 +1,205 @@
+"""The physical laws of whole scenes, each held against what was rendered: ``SCENES`` by the name that a scene carries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..errors import SceneError
+from ..graph import Block, Const, Mul, Param, reach
+from ..processor import compile
+from . import laws
+from .evidence import Check, Evidence, drive, live
+
+
+def scene_law(e: Evidence) -> list[Check]:
+    if e.scene.law is None:
+        e.skipped.append("no physical law of the whole scene is known")
+        return []
+    law = SCENES.get(e.scene.law)
+    if law is None:
+        e.skipped.append(f"the law {e.scene.law!r} is not known to this version")
+        return []
+    try:
+        return law(e)
+    except (KeyError, StopIteration, SceneError) as error:
+        return [
+            Check("d", "shape of the scene", 1, 0, f"not what the law {e.scene.law!r} is for ({error or type(error).__name__})")
+        ]
+
+
+def _squeeze(e: Evidence) -> list[Check]:
+    """F = k x + A (k tau v)(tau dp/dt) g per finger, everything but the noise computed from scratch."""
+    from ..blocks.gate import Loading
+
+    checks = []
+    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
+    contact = rows.get("contact", np.ones(e.x.shape[1]))
+    k, A = live(e, "k"), live(e, "A") * live(e, "level")
+    quiet = compile(e.scene, e.fs, seed=e.seed)
+    for name, value in (e.params | {"A": 0.0}).items():
+        quiet.set(name, value, ramp=0.0)
+    mean = drive(quiet, e.x, [c for c in e.changes if c[1] != "A"])
+    for i, (name, root) in enumerate(e.scene.outputs.items()):
+        if not name.startswith("force"):
+            e.skipped.append(f"{name}: no law of it is known")
+            continue
+        tap = next((t for t in e.taps if t.output == name), None)
+        if tap is None:
+            raise SceneError(f"{name}: a squeeze scene without gated noise")
+        x = rows[name.replace("force", "x")]
+        gate = next(b for b in reach([root]) if isinstance(b, Loading))
+        cutoff = gate.v.cutoff  # type: ignore[attr-defined]
+        on, off = gate.on, gate.off
+        if on is None or off is None:
+            on, off = laws.gate_thresholds(gate.resolution, cutoff, e.fs)
+        finger = laws.squeeze_finger(x, tap.gated, contact, e.fs, k, A, cutoff, on, off)
+        e.fingers[name] = finger
+        scale = max(np.abs(finger.force).max(), 1e-300)
+        steps = max((c[3] * e.fs for c in e.changes if c[1] == "k"), default=0.0)  # of a ramp: each is rounded
+        apart = float(np.abs(mean[i] - finger.mean).max() / scale)
+        checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps, "A = 0, relative"))
+        noise = np.abs(finger.force - finger.mean).max()
+        error = np.abs((e.y[i] - finger.mean) - (finger.force - finger.mean)).max()
+        limit = 1e-9 + 4e-16 * scale / noise if noise > 0 else 1e-14
+        checks.append(
+            Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
+        )
+        wrong = int(np.sum((finger.gate != tap.gate) & (A != 0)))
+        checks.append(Check("e", f"{name}: gate timing", wrong, 0, "samples where the gate differs"))
+        if np.ptp(k) > 0:
+            e.skipped.append(f"{name}: k was changed, so the force over position has no one slope")
+        else:
+            checks += _slope(name, x, e, i, float(k[0]))
+    return checks
+
+
+def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float) -> list[Check]:
+    """Stiffness recovered from delivered force over position, on samples that were not clipped."""
+    y = e.shown[i]
+    whole = np.ones(x.size, bool)
+    if e.sidecar is not None:
+        top = (1 - 2.0**-22) * e.sidecar["channels"][i]["full_scale"]
+        whole = np.abs(y) < top if e.sidecar["subtype"] == "PCM_24" else whole
+    u = x[whole] - x[whole].mean() if whole.sum() > 2 else np.zeros(0)
+    if u.size == 0 or np.abs(u).max() == 0:
+        e.skipped.append(f"{name}: the position never changes, so no slope can be fitted")
+        return []
+    r = y[whole] - y[whole].mean()
+    slope = float(u @ r / (u @ u))
+    residual = r - slope * u
+    error = float(np.sqrt(residual @ residual / max(1, u.size - 2) / (u @ u)))
+    rounding = 1e-7 * abs(k)  # of float32 samples
+    return [
+        Check(
+            "d",
+            f"{name}: slope of force over position",
+            abs(slope - k),
+            5 * error + rounding,
+            f"{slope:.7g} N/m, 5 standard errors",
+        )
+    ]
+
+
+def _viscoelastic(e: Evidence) -> list[Check]:
+    """The springpot's force at some samples against the full sum over the history, in extended precision."""
+    from ..blocks.fractional import Downsampled, ShortMemory, Springpot
+
+    spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, (Springpot, Downsampled, ShortMemory)))
+    if not isinstance(spring, Springpot):
+        e.skipped.append("force: only the full sum's own schemes, gl and l1, have a law")
+        return []
+    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
+    y, n = rows["y"], e.x.shape[1]
+    touching = rows.get("contact", np.ones(n)) > 0
+    gain = live(e, "firmness") * _gain(e.scene.outputs["force"])
+    starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
+    stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
+    worst = 0.0
+    for a, b in zip(starts, stops, strict=True):
+        at = np.unique(np.linspace(0, b - a - 1, max(2, round(64 * (b - a) / n))).astype(int))
+        force, size = laws.springpot_sum(y[a:b], e.fs, spring.scheme, spring.order, at)
+        g = gain[a:b][at]
+        bound = np.abs(g) * (spring.tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(g) * np.abs(force)
+        worst = max(worst, float(np.max(np.abs(e.y[0, a:b][at] - g * force) / np.maximum(bound, 1e-300))))
+    text = f"tol = {spring.tol:g}, alpha = {spring.order:g}, {spring.scheme}: error over its certificate"
+    lost = float(np.abs(e.y[0, ~touching]).max(initial=0.0))
+    return [
+        Check("d", "force: full sum over the history", worst, 1.0, text),
+        Check("e", "force: none off contact", lost, 0.0, "N"),
+    ]
+
+
+def _gain(root: Block) -> float:
+    """Product of the plain numbers on the way to the springpot."""
+    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const)]))
+
+
+def _factor_of(name: str, blocks: list[Block]) -> float:
+    """The plain number that a live number is multiplied with."""
+    for b in blocks:
+        if isinstance(b, Mul) and isinstance(b.a, Const) and isinstance(b.b, Param) and b.b.name == name:
+            return b.a.value
+    raise SceneError(f"no plain number is multiplied with the live number {name!r}")
+
+
+def _bumps(e: Evidence) -> list[Check]:
+    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model."""
+    from ..blocks.carrier import Bump, Carrier
+    from . import am
+
+    blocks = reach(e.scene.outputs.values())
+    envelope: Any = next(b for b in blocks if isinstance(b, Bump))
+    if not hasattr(envelope, "waveform"):
+        e.skipped.append("voltage: the law knows the named waveforms, not tables")
+        return []
+    carrier = next(b for b in blocks if isinstance(b, Carrier))
+    constants = [b.value for b in reach([envelope.children[0]]) if isinstance(b, Const)]
+    per_metre = constants[0]
+    gain = _factor_of("A", blocks)
+    if carrier.rectify != "half" or carrier.phase or envelope.sampling != "area":
+        e.skipped.append("voltage: the law covers area-sampled waves on a half-wave carrier that starts at phase 0")
+        return []
+    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
+    n = e.x.shape[1]
+    A, duty, freq = (live(e, name) for name in ("A", "duty", "freq"))
+    contact = rows.get("contact", np.ones(n)) * (A != 0)
+    u = rows["x"] * per_metre
+    shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
+    wave = laws.carrier_half(freq, e.fs)
+    e.curves |= {"envelope": shape, "carrier": wave}
+    top = gain * float(np.abs(A).max()) or 1.0
+    error = float(np.abs(e.y[0] - gain * A * shape * wave).max() / top)
+    checks = [Check("d", "voltage: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
+    checks.append(Check("e", "voltage: none off contact", float(np.abs(e.y[0, contact <= 0]).max(initial=0.0)), 0.0, "V"))
+    speed, steady = np.diff(u) * e.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0
+    if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and contact.all() and abs(u[-1] - u[0]) >= 1:
+        whole = int(abs(u[-1] - u[0]))
+        y = e.y[0, 1 : 1 + round(whole / abs(speed[0]) * e.fs)] / top
+        model = am.sampled_rms(envelope.waveform, duty[0], 1.0, abs(speed[0]), freq[0], e.fs)
+        text = f"{whole} bumps at {abs(speed[0]):.3g}/s; one carrier phase differs by up to 3 %"
+        checks.append(Check("d", "voltage: rms of the line spectrum", abs(float(np.sqrt(np.mean(y**2))) / model - 1), 0.05, text))
+    return checks
+
+
+SCENES: dict[str, Callable[[Evidence], list[Check]]] = {"squeeze": _squeeze, "viscoelastic": _viscoelastic, "bumps": _bumps}
+
+
+def motor_limits(e: Evidence) -> list[Check]:
+    """Peak and running mean square of outputs that a force limit stands on, computed again from the samples."""
+    from scipy.signal import lfilter
+
+    from ..blocks.actuator import ForceLimit, StaticLimit
+
+    checks = []
+    for y, (name, b) in zip(e.y, e.scene.outputs.items(), strict=True):
+        if isinstance(b, StaticLimit):
+            a = -np.expm1(-1 / (b.tau * e.fs))
+            mean = float(lfilter([a], [1, a - 1], y**2).max(initial=0.0))
+            checks.append(Check("e", f"{name}: static limit", mean, b.limit**2 * (1 + 1e-12), "largest running mean square, N^2"))
+            b = b.x
+        if isinstance(b, ForceLimit) and isinstance(b.peak, Const):
+            checks.append(Check("e", f"{name}: peak limit", float(np.abs(y).max(initial=0.0)), b.peak.value, "N"))
+    return checks
