@@ -14,6 +14,31 @@ if TYPE_CHECKING:
     from .processor import Processor
 
 
+def backward(z: np.ndarray) -> np.ndarray:
+    """1 - 1/z: at a low frequency 1/z is too near 1 to be subtracted.
+
+    Parameters
+    ----------
+    z : ndarray of complex
+        On the unit circle, as exp(i w), or well beside it.
+
+    Returns
+    -------
+    ndarray of complex
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.response import backward
+    >>> z = np.exp(1e-12j)
+    >>> bool(abs(backward(z) / 1e-12j - 1) < 1e-11), bool(abs((1 - 1 / z).real / backward(z).real - 1) < 0.1)
+    (True, False)
+    """
+    z = np.asarray(z)
+    s = np.where(np.abs(np.abs(z) - 1) < 1e-14, 1j * np.angle(z), np.log(z))  # rounding leaves the circle by 1e-16
+    return -np.expm1(-s)
+
+
 def _sources(program: Program) -> dict[str, int]:
     return program.inputs | program.noises
 

@@ -1,7 +1,8 @@
 """One table of all blocks: what each looks like, what drives it, and which physical law it claims to follow.
 
 Every final class of stimlib must have an example here (``missing`` finds them by reflection); the laws of
-``tests/test_laws.py`` then run over all of them.  A physical law is written here from the papers, not from the code.
+``tests/test_laws.py`` then run over all of them.  Physical laws are those of ``stimlib.checks.responses``, with the numbers
+that each example should have written by hand.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from stimlib.blocks.relaxation import (
     standard_linear_solid,
 )
 from stimlib.blocks.tracking import track, track_velocity
+from stimlib.checks import responses as law
+from stimlib.checks.responses import Law
 from stimlib.graph import Block, Guard, registry
 
 
@@ -71,17 +74,6 @@ def angle(rng, n, fs):
 
 # The table -----------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Law:
-    """|got/law - 1| <= tol at f, where got = shape(response); see ``tests/test_laws.py``."""
-
-    f: Callable[[float], np.ndarray]
-    law: Callable[[np.ndarray, float], np.ndarray]
-    tol: float
-    of: Callable[[np.ndarray, float], np.ndarray] = lambda H, fs: H
-    size: Callable[[np.ndarray], np.ndarray] = np.abs  # error is relative to this of the law
-
-
-@dataclass(frozen=True)
 class Entry:
     """An example of a block class.
 
@@ -116,99 +108,14 @@ class Entry:
         return np.array([d(rng, n, fs) for d in self.drive]).reshape(len(self.drive), n)
 
 
-def band(low, high, points=400):
-    return lambda fs: np.geomspace(low, high(fs), points)
-
-
-def below_nyquist(fs):
-    return np.linspace(0, fs / 2, 201)
-
-
-def pink_law(f_low, tol_db, psd):
-    """S1/f within tol_db; ``psd`` makes a one-sided density of a response."""
-    return Law(band(f_low, lambda fs: 0.45 * fs), lambda f, fs: 1 / f, 10 ** (tol_db / 10) - 1, psd)
-
-
-def differentiator_laws(passband, stopband, order, tol):
-    """i 2 pi f behind a delay of order/2 samples up to the pass edge; nothing from the stop edge on."""
-
-    def straight(H, fs):
-        f = np.linspace(1.0, passband(fs), 500)
-        return H * np.exp(1j * np.pi * f * order(fs) / fs)
-
-    def edge(f, fs):
-        return np.full(f.shape, 2 * np.pi * passband(fs))
-
-    laws = [Law(lambda fs: np.linspace(1.0, passband(fs), 500), lambda f, fs: 2j * np.pi * f, tol, straight)]
-    if stopband:
-        laws.append(
-            Law(lambda fs: np.linspace(stopband(fs), fs / 2, 500), edge, 1e-6, lambda H, fs: 2 * np.pi * passband(fs) + H)
-        )
-    return tuple(laws)
-
-
-def velocity_law(cutoff):
-    """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi cutoff/fs): the documented formula."""
-
-    def law(f, fs):
-        z, p = np.exp(2j * np.pi * f / fs), np.exp(-2 * np.pi * cutoff / fs)
-        return fs * (z - 1) / z * ((1 - p) * z / (z - p)) ** 2
-
-    return Law(lambda fs: np.linspace(0.1, fs / 2, 300), law, 1e-12)
-
-
-def ramp_invariant(tau):
-    """1/(1 + i w tau) of straight lines between samples: all aliases of the lag behind the spectrum of a triangle."""
-
-    def law(f, fs):
-        k = np.arange(-20000, 20001)
-        g = f[:, None] + k * fs
-        return np.sum(np.sinc(g / fs) ** 2 / (1 + 2j * np.pi * g * tau), axis=1)
-
-    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-7)
-
-
-def held_lag(cutoff, more):
-    """w^2/(s + w)^2 of an input held for a sample, at the end of that sample: all aliases behind the spectrum of a hold."""
-
-    def law(f, fs):
-        k = np.arange(-20000, 20001)
-        g = f[:, None] + k * fs
-        z = np.exp(2j * np.pi * f / fs)
-        hold = np.sinc(g / fs) * np.exp(-1j * np.pi * g / fs)
-        return z * np.sum(hold / (1 + 1j * g / cutoff) ** 2, axis=1) * more(z, fs)
-
-    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-6)
-
-
-def lag(tau):
-    """1/(1 + i w tau), a decade below the sample rate."""
-    return Law(band(0.1, lambda fs: fs / 400), lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5)
-
-
-def delayed(samples):
-    return Law(below_nyquist, lambda f, fs: np.exp(-2j * np.pi * f * samples / fs), 1e-12)
-
-
-def sum_of(taps):
-    def law(f, fs):
-        return sum(h * np.exp(-2j * np.pi * f * k / fs) for k, h in enumerate(taps))
-
-    return Law(below_nyquist, law, 1e-12, size=lambda h: np.full(h.shape, np.abs(h).max()))
-
-
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
 SHAPE = [0.0, 0.5, -0.25, 1.0, 0.75], [-1.0, 0.3, 0.9, 1.0, 2.0]
 KNOTS, VALUES = [-1.5, -0.5, 0.0, 0.6, 2.0], [2.0, -1.0, 0.0, 0.5, -0.3]
 FS8 = (8000.0, 48000.0)
 
 
-def wide_order(fs):
-    return 2 * round(64 * fs / 8000)
-
-
 TABLE = [
-    Entry("input", "Input", lambda x: x, (normal,), lti=True, laws=(delayed(0),)),
+    Entry("input", "Input", lambda x: x, (normal,), lti=True, laws=(law.delay(0),)),
     Entry("const", "Const", lambda x: x + 2.5, (normal,)),
     Entry("param", "Param", lambda x: Param("b", 0.7) * x, (normal,), lti=True),
     Entry("add", "Add", lambda x, y: x + y, (normal, normal), lti=True),
@@ -235,37 +142,37 @@ TABLE = [
     Entry("tanh", "Tanh", lambda x: b.tanh(x), (angle,)),
     Entry("nonzero", "Nonzero", lambda x: b.nonzero(x), (ties,)),
     Entry("guard", "Guard", lambda x: Guard(x), (normal,), lti=True),
-    Entry("delay_1", "Delay", lambda x: b.delay(x, samples=1), (normal,), lti=True, laws=(delayed(1),)),
-    Entry("delay_70", "Delay", lambda x: b.delay(x, samples=70), (normal,), lti=True, laws=(delayed(70),)),
+    Entry("delay_1", "Delay", lambda x: b.delay(x, samples=1), (normal,), lti=True, laws=(law.delay(1),)),
+    Entry("delay_70", "Delay", lambda x: b.delay(x, samples=70), (normal,), lti=True, laws=(law.delay(70),)),
     Entry(
         "delay_seconds", "Delay", lambda x: b.delay(x, seconds=0.01), (normal,), lti=True,
-        laws=(Law(below_nyquist, lambda f, fs: np.exp(-2j * np.pi * f * 0.01), 1e-12),),
+        laws=(law.delay(80),), rates=(8000.0,),
     ),
-    Entry("fir", "Taps", lambda x: b.fir(x, UNEVEN), (normal,), lti=True, laws=(sum_of(UNEVEN),)),
-    Entry("fir_1", "Taps", lambda x: b.fir(x, [-2.0]), (normal,), lti=True, laws=(sum_of([-2.0]),)),
+    Entry("fir", "Taps", lambda x: b.fir(x, UNEVEN), (normal,), lti=True, laws=(law.sum_of(UNEVEN),)),
+    Entry("fir_1", "Taps", lambda x: b.fir(x, [-2.0]), (normal,), lti=True, laws=(law.sum_of([-2.0]),)),
     Entry(
         "differentiator", "Differentiator", lambda x: b.differentiator(x, passband=1000.0), (normal,), lti=True, rates=FS8,
-        laws=differentiator_laws(lambda fs: 1000.0, lambda fs: 1500.0, wide_order, 1e-6),
+        laws=(law.differentiator(1000.0, None, 1e-6), law.stop_band(1000.0, 1500.0, 1e-6)),
     ),
     Entry(
         "differentiator_wide", "Differentiator", lambda x: b.differentiator(x), (normal,), lti=True, rates=(8000.0,),
-        laws=differentiator_laws(lambda fs: 0.45 * fs, None, wide_order, 1e-6),
+        laws=(law.differentiator(None, None, 1e-6),),
     ),
     Entry(
         "differentiator_order", "Differentiator", lambda x: b.differentiator(x, 100.0, 400.0, order=40, tol=1e-4), (normal,),
-        lti=True, rates=(1000.0, 1200.0), laws=differentiator_laws(lambda fs: 100.0, None, lambda fs: 40, 1e-4),
+        lti=True, rates=(1000.0, 1200.0), laws=(law.differentiator(100.0, 40, 1e-4),),
     ),
     Entry("loading", "Loading", lambda x: b.loading(b.velocity(x)), (squeeze,)),
     Entry("loading_given", "Loading", lambda x: b.loading(x, on=0.6, off=0.2), (normal,)),
-    Entry("velocity", "Velocity", lambda x: b.velocity(x), (squeeze,), lti=True, laws=(velocity_law(100.0),)),
-    Entry("velocity_20", "Velocity", lambda x: b.velocity(x, 20.0), (held,), lti=True, laws=(velocity_law(20.0),)),
+    Entry("velocity", "Velocity", lambda x: b.velocity(x), (squeeze,), lti=True, laws=(law.velocity(100.0),)),
+    Entry("velocity_20", "Velocity", lambda x: b.velocity(x, 20.0), (held,), lti=True, laws=(law.velocity(20.0),)),
     Entry("velocity_contact", "Velocity", lambda x, c: b.velocity(x, 30.0, contact=c > 0.0), (squeeze, held)),
     Entry(
-        "track", "Track", lambda x: track(x, 40.0, max_jump=None), (held,), lti=True, laws=(held_lag(40.0, lambda z, fs: 1.0),),
+        "track", "Track", lambda x: track(x, 40.0, max_jump=None), (held,), lti=True, laws=(law.tracker(40.0),),
     ),
     Entry(
         "track_velocity", "TrackVelocity", lambda x: track_velocity(x, 40.0, max_jump=None), (held,), lti=True,
-        laws=(held_lag(40.0, lambda z, fs: fs * (1 - 1 / z)),),
+        laws=(law.tracker(40.0, rate=True),),
     ),
     Entry("track_contact", "Track", lambda x, c: track(x, 20.0, contact=c > 0.0, max_jump=0.5), (squeeze, held)),
     Entry("track_velocity_contact", "TrackVelocity", lambda x, c: track_velocity(x, 20.0, contact=c > 0.0), (squeeze, held)),
@@ -285,33 +192,35 @@ TABLE = [
     Entry("tally", "Tally", lambda x: Tally(ForceLimit(x, constant(0.5)), x, "clip", "y"), (normal,)),
     Entry("motor_current", "Div", lambda x: motor_current(constant(1.0, "N/m") * x, x, 10.0), (squeeze,), unit="m"),
     Entry(
-        "first_order", "FirstOrder", lambda x: b.first_order(x, 0.01), (normal,), lti=True, laws=(ramp_invariant(0.01), lag(0.01))
+        "first_order", "FirstOrder", lambda x: b.first_order(x, 0.01), (normal,), lti=True,
+        laws=(law.ramp_invariant(0.01), law.lag(0.01)),
     ),
     Entry(
         "first_order_slow", "FirstOrder", lambda x: b.first_order(x, 0.2), (held,), lti=True, rates=(1000.0, 4000.0),
-        laws=(ramp_invariant(0.2), lag(0.2)),
+        laws=(law.ramp_invariant(0.2), law.lag(0.2)),
     ),
-    Entry("first_order_fast", "FirstOrder", lambda x: b.first_order(x, 1e-5), (normal,), lti=True, laws=(ramp_invariant(1e-5),)),
+    Entry("first_order_fast", "FirstOrder", lambda x: b.first_order(x, 1e-5), (normal,), lti=True,
+        laws=(law.ramp_invariant(1e-5),)),
     Entry("kelvin_voigt", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0), (squeeze,), lti=True, unit="m"),
     Entry("spring", "Mul", lambda x: b.spring(x, Param("k", 2000.0, "N/m")), (squeeze,), lti=True, unit="m"),
     Entry(
         "pinking", "Pinking", lambda x: b.pinking(x, f_low=10.0), (normal,), lti=True, rates=(8000.0, 1000.0),
-        laws=(pink_law(10.0, 0.01, lambda H, fs: 2 * np.pi * abs(H) ** 2 / fs),),
+        laws=(law.pinking(10.0, 0.01),),
     ),
     Entry(
         "pinking_coarse", "Pinking", lambda x: b.pinking(x, f_low=30.0, tol_db=1.0), (held,), lti=True, rates=(1000.0, 48000.0),
-        laws=(pink_law(30.0, 1.0, lambda H, fs: 2 * np.pi * abs(H) ** 2 / fs),),
+        laws=(law.pinking(30.0, 1.0),),
     ),
     Entry(
         "pinking_many", "Pinking", lambda x: b.pinking(x, f_low=5.0, tol_db=1e-5), (normal,), lti=True, rates=(8000.0,),
-        laws=(pink_law(5.0, 1e-5, lambda H, fs: 2 * np.pi * abs(H) ** 2 / fs),),
+        laws=(law.pinking(5.0, 1e-5),),
     ),
     Entry(
         "pink_noise", "PinkNoise", lambda: b.pink_noise(psd_1hz=0.25, seed=3, stream=2),
-        laws=(pink_law(1.0, 0.01, lambda H, fs: abs(H) ** 2 * 2 / fs / 0.25),), rates=(8000.0, 1000.0, 48000.0),
+        laws=(law.pink_noise(0.25, 1.0, 0.01),), rates=(8000.0, 1000.0, 48000.0),
     ),
     Entry("pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w),
-    Entry("white", "White", lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1), laws=(delayed(0),)),
+    Entry("white", "White", lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1), laws=(law.delay(0),)),
     Entry("white_shared", "White", lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)), (normal,)),
     Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,)),
     Entry("enabled_held", "Enabled", lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),
@@ -348,28 +257,6 @@ TABLE = [
 SOFT = [(50.0, 1e-5), (30.0, 1e-3), (20.0, 0.02), (10.0, 0.2)]
 
 
-def arms_law(k0, arms):
-    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less a lag."""
-    lags = [(k, ramp_invariant(tau).law) for k, tau in arms]
-    total = k0 + sum(k for k, _ in arms)
-
-    def law(f, fs):
-        return total - sum(k * lag_of(f, fs) for k, lag_of in lags)
-
-    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-7, size=lambda h: np.full(h.shape, total))
-
-
-def chain_law(j0, elements, flow):
-    """j0 + sum 1/(k (1 + i w tau)) + flow/(i w) of straight lines between samples; an integral is then the trapezoidal rule."""
-    lags = [(k, ramp_invariant(tau).law) for k, tau in elements]
-
-    def law(f, fs):
-        z = np.exp(2j * np.pi * f / fs)
-        return j0 + sum(lag_of(f, fs) / k for k, lag_of in lags) + flow / 2 / fs * (z + 1) / (z - 1)
-
-    return Law(lambda fs: np.linspace(0.1, fs / 2, 40), law, 1e-7)
-
-
 TABLE += [
     Entry(
         "maxwell",
@@ -378,7 +265,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(arms_law(0.0, [(200.0, 0.02)]),),
+        laws=(law.arms([200.0], [0.02]),),
         rates=(8000.0, 1000.0, 48000.0),
     ),
     Entry(
@@ -388,7 +275,7 @@ TABLE += [
         (held,),
         lti=True,
         unit="m",
-        laws=(Law(lambda fs: np.linspace(0.1, fs / 2, 40), lambda f, fs: 4.0 * fs * (1 - np.exp(-2j * np.pi * f / fs)), 1e-8),),
+        laws=(law.running_sum()._replace(law=lambda f, fs: 4.0 * fs * law.difference(f, fs), tol=1e-8),),
     ),
     Entry(
         "maxwell_step",
@@ -397,7 +284,7 @@ TABLE += [
         (held,),
         lti=True,
         unit="m",
-        laws=(arms_law(0.0, [(3.0, 0.05)]),),
+        laws=(law.arms([3.0], [0.05]),),
     ),
     Entry(
         "maxwell_contact",
@@ -413,7 +300,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(arms_law(70.0, SOFT),),
+        laws=(law.arms(*zip(*SOFT, strict=True), 70.0),),
     ),
     Entry(
         "generalized_maxwell_many",
@@ -429,7 +316,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(arms_law(7.0, [(3.0, 0.1)]),),
+        laws=(law.arms([3.0], [0.1], 7.0),),
     ),
     Entry(
         "compliance_kelvin_voigt",
@@ -438,7 +325,7 @@ TABLE += [
         (held,),
         lti=True,
         unit="N",
-        laws=(chain_law(0.0, [(200.0, 0.02)], 0.0),),
+        laws=(law.chain(0.0, [1 / 200], [0.02], 0.0),),
     ),
     Entry(
         "compliance_maxwell",
@@ -446,7 +333,7 @@ TABLE += [
         lambda f: compliance_maxwell(f, 200.0, 4.0),
         (held,),
         unit="N",
-        laws=(chain_law(1 / 200, [], 1 / 4),),
+        laws=(law.chain(1 / 200, [], [], 1 / 4),),
     ),
     Entry(
         "compliance_live",
@@ -454,7 +341,7 @@ TABLE += [
         lambda f: compliance_maxwell(f, constant(50.0, "N/m") + Param("k", 1.0, "N/m"), tau=0.1),
         (normal,),
         unit="N",
-        laws=(chain_law(1 / 51, [], 1 / 5.1),),
+        laws=(law.chain(1 / 51, [], [], 1 / 5.1),),
     ),
     Entry(
         "compliance_chain",
@@ -463,26 +350,21 @@ TABLE += [
         (normal,),
         lti=True,
         unit="N",
-        laws=(chain_law(1 / 70, SOFT, 0.0),),
+        laws=(law.chain(1 / 70, [1 / k for k, _ in SOFT], [tau for _, tau in SOFT], 0.0),),
     ),
 ]
 
 
 # Springpots ----------------------------------------------------------------------------------------------------------
-def power_law(chi, alpha):
-    """chi (i w)^alpha, far below the sample rate."""
-    return Law(band(0.01, lambda fs: fs / 1000), lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3)
-
-
 def unit_interval(a):
     return b.clip(abs(a), 0.0, 1.0)
 
 
 TABLE += [
     Entry("springpot", "Springpot", lambda y: b.springpot(y, 25.0, 0.35), (squeeze,), unit="m",
-        laws=(power_law(25.0, 0.35),)),
+        laws=(law.power(25.0, 0.35),)),
     Entry("springpot_l1", "Springpot", lambda y: b.springpot(y, 25.0, 0.7, "l1", tol=1e-6), (squeeze,), unit="m",
-        laws=(power_law(25.0, 0.7),)),
+        laws=(law.power(25.0, 0.7),)),
     Entry("springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"),
     Entry("springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"),
     Entry("springpot_short", "Springpot", lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008), (normal,), lti=True,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from ..errors import UnitError
 from ..graph import Block, as_block, constant
+from ..response import backward
 from ..units import unit
 from .fractional import Springpot, coefficient
 
@@ -41,7 +42,7 @@ class Integral(Block):
 
     @staticmethod
     def transfer(p, z):
-        return p.h / (1 - 1 / z)
+        return p.h / backward(z)
 
 
 def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-10, horizon: float = 86400.0) -> Block:

@@ -17,6 +17,7 @@ from .. import units as un
 from ..errors import BadValue, UnitError
 from ..graph import Block, Const, Map, as_block, positive
 from ..maths import copy, exp, fir, floor, fma, log, memory, sin, where
+from ..response import backward
 from ..units import unit
 from .table import Table, TableParams
 
@@ -112,10 +113,10 @@ def transfer(p, alpha, scale, taps, constant, r, z):
     if alpha == 0:
         return np.ones_like(z)
     if alpha == 1:
-        return p.fs * (1 - zi)
-    near = np.polyval(taps, zi)
-    modes = np.sum(r / ((1 - zi)[..., None] + p.e * zi[..., None]), axis=-1)
-    return scale * ((1 - zi) * (near + zi**soe.DIRECT * modes) + constant * zi**soe.DIRECT)
+        return p.fs * backward(z)
+    d, near = backward(z), np.polyval(taps, zi)
+    modes = np.sum(r / (d[..., None] + p.e * zi[..., None]), axis=-1)
+    return scale * (d * (near + zi**soe.DIRECT * modes) + constant * zi**soe.DIRECT)
 
 
 def force_unit(name: str, y: un.Unit) -> un.Unit:

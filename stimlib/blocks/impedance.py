@@ -12,6 +12,7 @@ from .. import units as un
 from ..errors import BadValue
 from ..graph import Block, Const, as_block, constant, positive
 from ..maths import TINY, flush, fma, where
+from ..response import backward
 from ..units import unit
 from .fir import RATE
 
@@ -61,7 +62,8 @@ class Velocity(Block):
 
     @staticmethod
     def transfer(p, z):
-        return p.fs * (1 - 1 / z) * (p.g / (1 - (1 - p.g) / z)) ** 2
+        d = backward(z)
+        return p.fs * d * (p.g / (d + p.g / z)) ** 2
 
     def delay(self, p):
         """Group delay at 0 Hz: half a sample of the difference, and two poles."""
@@ -142,7 +144,7 @@ class FirstOrder(Block):
 
     @staticmethod
     def transfer(p, z):
-        return (p.now + p.before / z) / (1 - p.e / z)
+        return (p.now + p.before / z) / ((1 - p.e) + p.e * backward(z))
 
     def delay(self, p):
         """Group delay at 0 Hz."""

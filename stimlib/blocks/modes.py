@@ -15,6 +15,7 @@ import numpy as np
 from .. import minimax
 from ..graph import Block, positive
 from ..maths import modes
+from ..response import backward
 from .noise import White, noise_key, normals
 
 
@@ -42,8 +43,8 @@ class Modes(Block, abstract=True):
 
     @staticmethod
     def transfer(p, z):
-        zi = 1 / z[..., None]
-        return p.d + np.sum(p.r / (1 - (1 - p.e) * zi), axis=-1)
+        z = z[..., None]
+        return p.d + np.sum(p.r / (backward(z) + p.e / z), axis=-1)
 
 
 def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:

@@ -27,6 +27,7 @@ from .. import units as un
 from ..errors import BadValue, UnitError
 from ..graph import Block, Const, as_block, constant
 from ..maths import copy, fma, memory, where
+from ..response import backward
 from ..units import unit
 from .fractional import ONSETS, Stiffness
 from .impedance import _with_unit, spring
@@ -157,10 +158,11 @@ class MaxwellArms(Block):
 
     @staticmethod
     def transfer(p, z):
-        back = (1 / z)[..., None]
-        below = (1 - back) + p.e * back
+        z = z[..., None]
+        d = backward(z)
+        below = d + p.e / z
         spring = abs(below) < 1e-290  # at 0 Hz, with a leak of nothing
-        return np.sum(p.r * np.where(spring, 1.0, (1 - back) / np.where(spring, 1.0, below)), axis=-1)
+        return np.sum(p.r * np.where(spring, 1.0, d / np.where(spring, 1.0, below)), axis=-1)
 
     def delay(self, p):
         """Behind the continuous arms at low frequencies: 0 for slow ones (springs), half a sample for fast ones (dampers)."""
@@ -386,10 +388,10 @@ class KelvinChain(Block):
 
     @staticmethod
     def transfer(p, z):
-        back = (1 / z)[..., None]
-        below = (1 - back) + p.e * back
+        z = z[..., None]
+        below = backward(z) + p.e / z
         below = np.where(abs(below) < 1e-280, 1e-280, below)  # the integral at 0 Hz: beyond all numbers of physics
-        return p.d + np.sum(p.r * back / below, axis=-1)
+        return p.d + np.sum(p.r / z / below, axis=-1)
 
 
 def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:

@@ -12,6 +12,7 @@ from .. import units as un
 from ..errors import BadValue
 from ..graph import Block, as_block, positive
 from ..maths import fir, fma, memory, where
+from ..response import backward
 from .fractional import DIFFERENCES, WORK, Springpot, begin, clear, force_unit, transfer
 
 
@@ -109,7 +110,7 @@ class Series(Block):
     @staticmethod
     def transfer(p, z):
         pot = transfer(p, p.alpha, p.pot, p.taps, p.constant, p.r, z)
-        other = p.other * (1 - 1 / z) if p.dashpot > 0 else p.other * np.ones_like(z)
+        other = p.other * backward(z) if p.dashpot > 0 else p.other * np.ones_like(z)
         return pot * other / (pot + other)
 
 

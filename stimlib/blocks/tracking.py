@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..errors import BadValue
 from ..graph import Block, as_block, positive
 from ..maths import TINY, flush, fma, where
+from ..response import backward
 from .fir import RATE
 
 
@@ -80,7 +81,7 @@ class Tracker(Block, abstract=True):
 def response(p, z):
     """H of the position: (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2."""
     c = p.q - p.g
-    return (p.q * p.g - c + (1 - p.g) * c / z) / ((1 - 1 / z) + p.g / z) ** 2
+    return (p.q * p.g - c + (1 - p.g) * c / z) / (backward(z) + p.g / z) ** 2
 
 
 def lag(p):
@@ -119,7 +120,7 @@ class TrackVelocity(Tracker):
 
     @staticmethod
     def transfer(p, z):
-        return p.fs * (1 - 1 / z) * response(p, z)
+        return p.fs * backward(z) * response(p, z)
 
     def delay(self, p):
         return lag(p) + 0.5  # of the difference

@@ -11,12 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from ..blocks.noise import White
 from ..errors import BadValue
 from ..graph import Block, Enabled, reach
+from ..lower import ROOT, lower
 from ..processor import Processor, compile
 from ..rendering import Rendering, positions, sources_of
 from ..scene import Scene
 from . import laws, spectra
+from .responses import RESPONSES, SHAPES, Law
+
+ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
+FEWEST = 64  # enabled samples without which a noise is not tested
 
 
 @dataclass(frozen=True)
@@ -39,16 +45,20 @@ class Check:
 class Tap:
     """One gated noise of the scene, seen before gate and rate on its own clock."""
 
-    name: str
+    block: Enabled
     output: str
     stream: np.ndarray  # the enabled samples, one after the other
     gated: np.ndarray  # with 0 while held
     gate: np.ndarray
-    model: Callable[[np.ndarray], np.ndarray]  # one-sided PSD
+    model: Callable[[np.ndarray], np.ndarray] | None  # one-sided PSD
     f_low: float
     f_high: float
-    noise: str
     spectrum: spectra.Spectrum | None = None
+
+    @property
+    def name(self) -> str:
+        """The block as it is shown."""
+        return repr(self.block)
 
 
 @dataclass
@@ -67,11 +77,18 @@ class Evidence:
     sidecar: dict[str, Any] | None
     motion: dict[str, Any]
     taps: list[Tap] = field(default_factory=list)
+    whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate
     fingers: dict[str, laws.Finger] = field(default_factory=dict)
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
     skipped: list[str] = field(default_factory=list)
     changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
+
+    @property
+    def share(self) -> float:
+        """False alarm probability of each statistical check: spectra, pairs of them, slopes."""
+        streams = sum(t.model is not None and t.stream.size > FEWEST for t in self.taps)
+        return ALARM / max(1, streams * (streams + 1) // 2 + len(self.taps))
 
 
 def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Evidence:
@@ -109,11 +126,13 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
 
 
 def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
-    """Keep the gated noises among what an augmented scene gave."""
+    """Keep the noises among what an augmented scene gave."""
     n = len(e.scene.outputs)
-    for k, (output, block, model, f_low, f_high, noise) in enumerate(found):
+    for k, (output, block, *model) in enumerate(found):
         gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0  # a copy, or all that was seen would be kept
-        e.taps.append(Tap(f"{block!r}", output, gated[gate], gated, gate, model, f_low, f_high, noise))
+        e.taps.append(Tap(block, output, gated[gate], gated, gate, *model))
+    for name, y in zip(free_noises(e.scene), seen[n + 2 * len(found) :], strict=True):
+        e.whites[name] = y.copy()
 
 
 def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:
@@ -127,37 +146,49 @@ def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | 
 
 
 def with_taps(scene: Scene, fs: float):
-    """The scene with every gated noise and its gate as further outputs (no bit of the others changes)."""
-    outputs, seen = dict(scene.outputs), set()
+    """The scene with every gated noise, its gate, and every source outside gates as outputs (no bit of the others changes)."""
+    more, seen = [], set()
     found: list[tuple] = []
     for name, root in scene.outputs.items():
         for b in reach([root]):
             if isinstance(b, Enabled) and id(b) not in seen:
                 seen.add(id(b))
-                model = noise_model(b.block, fs)
-                if model is not None:
-                    outputs[f"tap{len(found)}"], outputs[f"gate{len(found)}"] = b, b.by
-                    found.append((name, b, *model))
-    return Scene(outputs), found
+                if any(hasattr(c, "noise_key") for c in reach([b.block])) and not within_another(b, root):
+                    more += [b, b.by]
+                    found.append((name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0))))
+    more += free_noises(scene).values()
+    names = (f"tap{k}" for k in range(1 << 62) if f"tap{k}" not in scene.outputs)
+    return Scene(scene.outputs | dict(zip(names, more, strict=False))), found
+
+
+def within_another(b: Enabled, root: Block) -> bool:
+    """Whether it runs on the clock of another enabled."""
+    return any(isinstance(c, Enabled) and b in reach([c.block]) for c in reach([root]))
+
+
+def free_noises(scene: Scene) -> dict[str, Block]:
+    """White noises that run at every sample."""
+    program = lower(scene.outputs)
+    at = {name: program.instances[i] for name, i in program.noises.items()}
+    return {name: q.block for name, q in at.items() if q.clock == ROOT and isinstance(q.block, White)}
 
 
 def noise_model(root: Block, fs: float):
-    """(PSD, f_low, f_high, source) of a chain of known linear blocks on white noise, by their physical laws; else None."""
-    chain: list[laws.Response] = []
+    """(PSD, f_low, f_high) of a chain of known linear blocks on white noise, by their physical laws; else None."""
+    chain: list[Law] = []
     b = root
-    while not hasattr(b, "noise_key"):
-        law = laws.RESPONSES.get(type(b))
-        if law is None:
+    while not isinstance(b, White):
+        if type(b) not in SHAPES:
             return None
-        chain.append(law(b, fs))
+        chain.append(RESPONSES[type(b)](b, fs)[0])
         b = b.children[0]
 
     def psd(f):
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 2 / fs * np.prod([np.abs(r.law(f)) ** 2 for r in chain], axis=0)
+            return 2 / fs * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
 
-    low, high = max((r.f_low for r in chain if r.f_low > 1), default=1.0), min((r.f_high for r in chain), default=fs / 2)
-    return psd, low, high, "white({}, {})".format(*b.noise_key)
+    bands = [r.f(fs) for r in chain]
+    return psd, max((f[0] for f in bands if f[0] > 1), default=1.0), min((f[-1] for f in bands), default=fs / 2)
 
 
 def change(proc: Processor, changes: list[tuple[int, str, float, float]], at: int) -> None:

@@ -11,7 +11,7 @@ from ..errors import SceneError
 from ..graph import Block, Const, Mul, Param, reach
 from ..processor import compile
 from . import laws
-from .evidence import Check, Evidence, drive, live
+from .evidence import Check, Evidence, Tap, drive, live
 
 
 def scene_law(e: Evidence) -> list[Check]:
@@ -47,7 +47,7 @@ def _squeeze(e: Evidence) -> list[Check]:
             e.skipped.append(f"{name}: no law of it is known")
             continue
         tap = next((t for t in e.taps if t.output == name), None)
-        if tap is None:
+        if tap is None or tap.model is None:
             raise SceneError(f"{name}: a squeeze scene without gated noise")
         x = rows[name.replace("force", "x")]
         gate = next(b for b in reach([root]) if isinstance(b, Loading))
@@ -72,35 +72,41 @@ def _squeeze(e: Evidence) -> list[Check]:
         if np.ptp(k) > 0:
             e.skipped.append(f"{name}: k was changed, so the force over position has no one slope")
         else:
-            checks += _slope(name, x, e, i, float(k[0]))
+            checks += _slope(name, x, e, i, float(k[0]), A * float(k[0]) * finger.v / 8000**2, tap)
     return checks
 
 
-def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float) -> list[Check]:
-    """Stiffness recovered from delivered force over position, on samples that were not clipped."""
-    y = e.shown[i]
-    whole = np.ones(x.size, bool)
+def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.ndarray, tap: Tap) -> list[Check]:
+    """Stiffness recovered from delivered force over position, where it cannot have been clipped.
+
+    What the noise adds to the slope is a weighted sum of a process whose spectrum is known, so its deviation is too.
+    """
+    from scipy import stats
+
+    y, whole, step = e.shown[i], np.ones(x.size, bool), 2.0**-52 * np.abs(e.y[i])
     if e.sidecar is not None:
-        top = (1 - 2.0**-22) * e.sidecar["channels"][i]["full_scale"]
-        whole = np.abs(y) < top if e.sidecar["subtype"] == "PCM_24" else whole
-    u = x[whole] - x[whole].mean() if whole.sum() > 2 else np.zeros(0)
-    if u.size == 0 or np.abs(u).max() == 0:
-        e.skipped.append(f"{name}: the position never changes, so no slope can be fitted")
+        top = e.sidecar["channels"][i]["full_scale"]
+        if e.sidecar["subtype"] == "FLOAT":
+            step = 2.0**-23 * np.abs(e.y[i])
+        elif e.sidecar["subtype"] == "PCM_24":
+            whole = np.abs(k * x) + np.abs(gain * tap.gated).max(initial=0.0) < (1 - 2.0**-22) * top
+            step = np.full(x.size, 2.0**-23 * top)
+    u = (x - x[whole].mean() if whole.any() else x) * whole
+    power = float(u @ u)
+    lost = float(np.abs(u) @ step) / power if power > 0 else np.inf
+    if lost > 1e-3 * abs(k):
+        e.skipped.append(f"{name}: the position hardly changes, so no slope can be fitted")
         return []
-    r = y[whole] - y[whole].mean()
-    slope = float(u @ r / (u @ u))
-    residual = r - slope * u
-    error = float(np.sqrt(residual @ residual / max(1, u.size - 2) / (u @ u)))
-    rounding = 1e-7 * abs(k)  # of float32 samples
-    return [
-        Check(
-            "d",
-            f"{name}: slope of force over position",
-            abs(slope - k),
-            5 * error + rounding,
-            f"{slope:.7g} N/m, 5 standard errors",
-        )
-    ]
+    slope = float(u @ y) / power
+    weights = (u * gain)[tap.gate]
+    n = 1 << max(12, weights.size.bit_length())
+    f = np.fft.rfftfreq(n, 1 / e.fs)
+    assert tap.model is not None
+    density = tap.model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
+    deviation = float(np.sqrt(e.fs / n * density.sum())) / power
+    sigmas = float(stats.norm.isf(e.share / 2))
+    text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
+    return [Check("d", f"{name}: slope of force over position", abs(slope - k), sigmas * deviation + lost, text)]
 
 
 def _viscoelastic(e: Evidence) -> list[Check]:

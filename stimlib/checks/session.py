@@ -13,9 +13,10 @@ from ..errors import BadValue, SinkError
 from ..graph import Input
 from ..scene import Scene
 from .evidence import Check, Evidence, keep_taps, with_taps
+from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
-from .verify import generator, limits, linear_blocks, noise, same_samples
+from .verify import limits, linear_blocks, same_samples
 
 
 def verify_log(log: Log, scene: Scene | None = None) -> Report:

@@ -6,6 +6,7 @@ import dataclasses as dc
 import os
 from bisect import bisect_right
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,12 @@ from ..graph import Block, Const, Input, pack, signals
 from ..processor import compile
 from ..rendering import Rendering
 from ..scene import Scene
-from . import laws, spectra
 from .evidence import Check, Evidence, change, drive, gather
+from .noise import generator, noise
 from .report import Report
+from .responses import RESPONSES
 from .scenes import motor_limits, scene_law
 
-ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 ROUNDING = 1e-10  # of two computations of one transfer function
 
 
@@ -79,17 +80,18 @@ def linear_blocks(e: Evidence) -> list[Check]:
             checks.append(Check("a1", f"{name}: impulse response", apart, ROUNDING, "compiled taps = discrete response"))
         else:
             e.skipped.append(f"{name}: its impulse response never settles, so it is not transformed")
-        law = laws.RESPONSES.get(type(b))
-        if law is None:
+        if type(b) not in RESPONSES:
             e.skipped.append(f"{b!r}: no physical law is known for it")
             continue
-        r = law(b, e.fs)
-        g = np.geomspace(r.f_low, r.f_high, 4001)
         transfer: Any = type(b).transfer
-        got, want = transfer(p, np.exp(2j * np.pi * g / e.fs)), r.law(g)
-        error = np.abs(np.abs(got) / np.abs(want) - 1) if r.magnitude else np.abs(got / want - 1)
-        checks.append(Check("a2", f"{name}: physical law", float(error.max()), r.tol * (1 + 1e-6), r.text))
+        for law in RESPONSES[type(b)](b, e.fs):
+            error = law.error(partial(_response, transfer, p, e.fs), e.fs)
+            checks.append(Check("a2", f"{name}: physical law", error, law.tol * (1 + 1e-6), law.text))
     return checks
+
+
+def _response(transfer: Any, p: Any, fs: float, f: np.ndarray) -> np.ndarray:
+    return transfer(p, np.exp(2j * np.pi * f / fs))
 
 
 def _impulse(b: Block, p: Any, fs: float):
@@ -153,48 +155,6 @@ def same_samples(e: Evidence) -> list[Check]:
         wrong = int(np.sum(e.shown != stored))
         checks.append(Check("b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"))
     return checks
-
-
-# c: noise ----------------------------------------------------------------------------------------------------------------
-def generator(e: Evidence) -> list[Check]:
-    """The first samples of every noise source against the published generator in plain integers."""
-    checks = []
-    for name, i in e.proc.program.noises.items():
-        b = e.proc.program.instances[i].block
-        one = compile(Scene({"n": dc.replace(b)}), e.fs, seed=e.seed)  # type: ignore[type-var]
-        got = one.process(np.empty((0, 200)))[0]
-        seed, stream = b.noise_key  # type: ignore[attr-defined]
-        want = laws.white(e.seed, seed, stream, 0, 200)
-        checks.append(
-            Check("c", f"{name}: generator", float(np.abs(got - want).max()), 1e-13, "Philox and Box-Muller, written again")
-        )
-    return checks
-
-
-def noise(e: Evidence) -> list[Check]:
-    """Spectrum of every tap, and independence of every pair."""
-    checks = []
-    enough = [t for t in e.taps if t.stream.size > 64]
-    pairs = [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
-    share = ALARM / max(1, len(enough) + len(pairs))
-    for k, t in enumerate(e.taps):
-        s = spectra.test_spectrum(t.stream, e.fs, t.model, t.f_low, t.f_high, share) if t in enough else None
-        if s is None:
-            e.skipped.append(f"spectrum of {t.name} in {t.output}: only {t.stream.size / e.fs:.3g} s enabled, too short to test")
-            continue
-        e.taps[k] = dc.replace(t, spectrum=s)
-        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
-        checks.append(Check("c", f"{t.output}: spectrum, {len(s.bands)} bands", _surprise(s.p), _surprise(share), text))
-    for a, b in pairs:
-        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, max(a.f_low, b.f_low), min(a.f_high, b.f_high))
-        name = f"{a.output} and {b.output}: independence"
-        checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
-    return checks
-
-
-def _surprise(p: float) -> float:
-    """-log10 p, at least 0."""
-    return float(max(0.0, -np.log10(max(p, 1e-300))))
 
 
 # e: limits ---------------------------------------------------------------------------------------------------------------

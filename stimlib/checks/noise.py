@@ -1,0 +1,105 @@
+"""Is the noise that was displayed the published generator's, sample for sample, and has it the spectrum of the model?"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+
+import numpy as np
+
+from ..blocks.noise import White
+from ..errors import SceneError
+from ..graph import Block, Enabled, Input, Param, reach, signals
+from ..lower import first_states, lead
+from ..processor import compile
+from ..scene import Scene
+from . import laws, spectra
+from .evidence import FEWEST, Check, Evidence, Tap
+
+GENERATOR = 1e-13  # of two computations of a normal deviate
+FILTERED = 1e-11  # of a filter fed with one and the other, relative to its largest sample
+
+
+def generator(e: Evidence) -> list[Check]:
+    """Every sample of every source against the published generator, and every sample of every gated noise against its filter
+    fed with that."""
+    checks, n, early = [], e.x.shape[1], lead(e.fs)
+    known: dict[tuple[int, int], np.ndarray] = {}
+    for name, i in e.proc.program.noises.items():
+        b = e.proc.program.instances[i].block
+        if not isinstance(b, White):
+            e.skipped.append(f"{name}: {b!r} has a generator of its own")
+            continue
+        white = laws.white(e.seed, *b.noise_key, -early - early % 2, n + early + early % 2)[early % 2 :]
+        known[b.noise_key] = white
+        got = e.whites.get(name)
+        if got is None:
+            got = compile(Scene({"n": dc.replace(b)}), e.fs, seed=e.seed).process(np.empty((0, n)))[0]
+        apart = float(np.abs(got - white[early:]).max())
+        checks.append(Check("c", f"{name}: generator", apart, GENERATOR, f"Philox and Box-Muller, written again, {n} samples"))
+    for t in e.taps:
+        want = _fed(t, e, known)
+        if want is None:
+            e.skipped.append(f"samples of {t.name} in {t.output}: a live number, a gate or another generator is in it")
+            continue
+        apart = float(np.abs(t.stream - want).max(initial=0.0) / (np.abs(want).max(initial=0.0) or 1.0))
+        text = f"its filter fed with that generator, {t.stream.size} samples"
+        checks.append(Check("c", f"{t.output}: noise as displayed", apart, FILTERED, text))
+    return checks
+
+
+def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.ndarray | None:
+    """The enabled samples of a gated noise once more: its blocks without the gate, inputs in place of the sources."""
+    below = reach([t.block.block])
+    whites = [b for b in below if hasattr(b, "noise_key")]
+    if any(isinstance(b, (Param, Enabled)) for b in below) or any(b.noise_key not in known for b in whites):
+        return None
+    new: dict[int, Block] = {}
+    old: dict[int, Block] = {}
+    for b in below:
+        if hasattr(b, "noise_key"):
+            new[id(b)] = Input("white_{}_{}".format(*b.noise_key))
+        elif signals(type(b)):
+            new[id(b)] = dc.replace(b, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
+        else:
+            new[id(b)] = b
+        old[id(new[id(b)])] = b
+    try:
+        proc = compile(Scene({"n": new[id(t.block.block)]}), e.fs, seed=e.seed)
+    except SceneError:
+        return None
+    like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
+    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design, e.seed)]
+    rows = {f"white_{seed}_{stream}": white for (seed, stream), white in known.items()}
+    early = lead(e.fs)
+    x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])
+    return proc.process(x)[0, early:]
+
+
+def noise(e: Evidence) -> list[Check]:
+    """Spectrum of every tap, and independence of every pair."""
+    checks = []
+    enough = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST]
+    pairs = [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
+    share = e.share
+    for k, t in enumerate(e.taps):
+        if t.model is None:
+            e.skipped.append(f"spectrum of {t.name} in {t.output}: no law of all its blocks is known")
+            continue
+        s = spectra.test_spectrum(t.stream, e.fs, t.model, t.f_low, t.f_high, share) if t in enough else None
+        if s is None:
+            e.skipped.append(f"spectrum of {t.name} in {t.output}: only {t.stream.size / e.fs:.3g} s enabled, too short to test")
+            continue
+        e.taps[k] = dc.replace(t, spectrum=s)
+        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
+        checks.append(Check("c", f"{t.output}: spectrum, {len(s.bands)} bands", _surprise(s.p), _surprise(share), text))
+    for a, b in pairs:
+        assert a.model is not None
+        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, max(a.f_low, b.f_low), min(a.f_high, b.f_high))
+        name = f"{a.output} and {b.output}: independence"
+        checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
+    return checks
+
+
+def _surprise(p: float) -> float:
+    """-log10 p, at least 0."""
+    return float(max(0.0, -np.log10(max(p, 1e-300))))

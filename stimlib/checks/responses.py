@@ -1,0 +1,275 @@
+"""What linear blocks stand for: frequency responses, written here from the papers; nothing of a block's design or step is used.
+
+Each law is a function of plain numbers.  ``RESPONSES`` reads these numbers off a block's own fields; the tests' table of
+blocks gives them by hand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..blocks.creep import Integral
+from ..blocks.delay import Delay
+from ..blocks.fir import Differentiator, Taps
+from ..blocks.fractional import ShortMemory, Springpot
+from ..blocks.impedance import FirstOrder, Velocity
+from ..blocks.modes import Pinking, PinkNoise
+from ..blocks.relaxation import KelvinChain, MaxwellArms
+from ..blocks.series import Series
+from ..blocks.tracking import Track, TrackVelocity
+from ..graph import Block
+
+ALIASES = np.arange(-300, 301)
+POINTS = 2001
+
+
+class Law(NamedTuple):
+    """|of(H) - law| <= tol size(law) at the frequencies f(fs)."""
+
+    f: Callable[[float], np.ndarray]  # Hz
+    law: Callable[[np.ndarray, float], np.ndarray]  # of (frequencies, sample rate) in Hz
+    tol: float
+    text: str
+    of: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = lambda H, f, fs: H
+    size: Callable[[np.ndarray], np.ndarray] = np.abs
+
+    def error(self, H: Callable[[np.ndarray], np.ndarray], fs: float) -> float:
+        """How far a response, a function of frequencies in Hz, is from the law."""
+        f = self.f(fs)
+        want = self.law(f, fs)
+        return float(np.max(np.abs(self.of(H(f), f, fs) - want) / self.size(want)))
+
+
+def band(low: float, high: Callable[[float], float]) -> Callable[[float], np.ndarray]:
+    """Frequencies from low to high(fs)."""
+    return lambda fs: np.geomspace(min(low, high(fs) / 2), high(fs), POINTS)
+
+
+def whole_band(points: int) -> Callable[[float], np.ndarray]:
+    """From near 0 to 0.45 fs."""
+    return lambda fs: np.linspace(0, 0.45 * fs, points + 1)[1:]
+
+
+def below_nyquist(fs: float) -> np.ndarray:
+    """From 0 to fs/2."""
+    return np.linspace(0, fs / 2, 201)
+
+
+def difference(f: np.ndarray, fs: float) -> np.ndarray:
+    """1 - 1/z = 2i sin(w/2) exp(-iw/2), which keeps its digits at low frequencies."""
+    half = np.pi * f / fs
+    return 2j * np.sin(half) * np.exp(-1j * half)
+
+
+def _db(tol_db: float) -> float:
+    return 10 ** (tol_db / 20) - 1
+
+
+def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
+    return np.abs(H)
+
+
+# Noise -------------------------------------------------------------------------------------------------------------------
+def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
+    """White noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
+    text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
+    top = band(f_low, lambda fs: 0.45 * fs)
+    return Law(top, lambda f, fs: np.sqrt(psd_1hz / f * fs / 2), _db(tol_db), text, _size)
+
+
+def pinking(f_low: float, tol_db: float) -> Law:
+    """|H|^2 = 1/w, w = 2 pi f/fs."""
+    top = band(f_low, lambda fs: 0.45 * fs)
+    return Law(top, lambda f, fs: np.sqrt(fs / (2 * np.pi * f)), _db(tol_db), "|H|^2 = 1/w, 3 dB/oct", _size)
+
+
+# Filters -----------------------------------------------------------------------------------------------------------------
+def differentiator(passband: float | None, order: int | None, tol: float) -> Law:
+    """i 2 pi f behind a delay of order/2 samples, up to the pass edge (0.45 fs); order 2 round(64 fs/8000) by default."""
+
+    def top(fs):
+        return passband or 0.45 * fs
+
+    def straight(H, f, fs):
+        return H * np.exp(1j * np.pi * f * (order or 2 * round(64 * fs / 8000)) / fs)
+
+    text = f"i 2 pi f behind half its order, within {tol:g}"
+    return Law(lambda fs: np.geomspace(top(fs) / 1000, top(fs), POINTS), lambda f, fs: 2j * np.pi * f, tol, text, straight)
+
+
+def stop_band(passband: float, stopband: float, tol: float) -> Law:
+    """Nothing from the stop edge on, against the response at the pass edge."""
+
+    def edge(f, fs):
+        return np.full(f.shape, 2 * np.pi * passband)
+
+    return Law(lambda fs: np.linspace(stopband, fs / 2, 500), edge, tol, "stop band", lambda H, f, fs: 2 * np.pi * passband + H)
+
+
+def delay(samples: int) -> Law:
+    """exp(-s T); the phase of a power has the rounding of a turn for each sample."""
+
+    def law(f, fs):
+        return np.exp(-2j * np.pi * (f * samples / fs % 1))
+
+    return Law(below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples")
+
+
+def sum_of(taps: Sequence[float] | np.ndarray) -> Law:
+    """The sum of the taps' delays, relative to the largest value it has."""
+
+    def law(f, fs):
+        return sum(h * np.exp(-2j * np.pi * f * k / fs) for k, h in enumerate(taps))
+
+    return Law(below_nyquist, law, 1e-12, f"sum of {len(taps)} taps", size=lambda h: np.full(h.shape, np.abs(h).max()))
+
+
+def velocity(cutoff: float) -> Law:
+    """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi cutoff/fs): the documented formula."""
+
+    def law(f, fs):
+        d, g = difference(f, fs), -math.expm1(-2 * math.pi * cutoff / fs)
+        return fs * d * (g / (d + g * (1 - d))) ** 2
+
+    return Law(whole_band(300), law, 1e-12, f"difference through two poles of {cutoff:g} Hz")
+
+
+def slow_velocity(cutoff: float, fs: float) -> Law:
+    """The analogue filter; each sampled pole leads it by half a sample, the difference lags by one half."""
+
+    def law(f, fs):
+        return 2j * np.pi * f / (1 + 1j * f / cutoff) ** 2 * np.exp(1j * np.pi * f / fs)
+
+    tol = (2 * math.pi * cutoff / fs) ** 2 / 4 + 1e-12
+    return Law(band(cutoff / 100, lambda fs: cutoff), law, tol, f"i 2 pi f through two poles of {cutoff:g} Hz")
+
+
+def ramp_invariant(tau: float) -> Law:
+    """1/(1 + i w tau) of straight lines between samples: all aliases of the lag behind the spectrum of a triangle."""
+
+    def law(f, fs):
+        part, a, end = f / fs, 2 * np.pi * fs * tau, ALIASES[-1] + 0.5
+        g = part[:, None] + ALIASES
+        near = np.sum(np.sinc(g) ** 2 / (1 + 1j * a * g), axis=1)
+        # all further aliases: the integrals of 1/(x^2 (1 + i a x)) from both ends on
+        far = sum(1 / x - 1j * s * np.log1p(-1j / (s * x)) for x, s in ((end + part, a), (end - part, -a)))
+        return near + (np.sin(np.pi * part) / np.pi) ** 2 * far
+
+    return Law(whole_band(40), law, 1e-7, f"1/(1 + s {tau:g}) of straight lines")
+
+
+def lag(tau: float) -> Law:
+    """1/(1 + i w tau), far below the sample rate."""
+    low = band(0.1, lambda fs: fs / 400)
+    return Law(low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})")
+
+
+def tracker(bandwidth: float, rate: bool = False) -> Law:
+    """w^2/(s + w)^2 of an input held for a sample, at the end of that sample: all aliases behind the spectrum of a hold."""
+
+    def law(f, fs):
+        g = f[:, None] + ALIASES * fs
+        hold = np.sinc(g / fs) * np.exp(-1j * np.pi * g / fs)
+        y = np.exp(2j * np.pi * f / fs) * np.sum(hold / (1 + 1j * g / bandwidth) ** 2, axis=1)
+        return y * fs * difference(f, fs) if rate else y
+
+    floor = 1e-6 * (2 * np.pi * bandwidth if rate else 1.0)
+    text = f"two poles of {bandwidth:g} Hz of a held input"
+    return Law(whole_band(40), law, 1e-6, text, size=lambda h: np.abs(h) + floor)
+
+
+# Materials ---------------------------------------------------------------------------------------------------------------
+def arms(k: Sequence[float], tau: Sequence[float], k0: float = 0.0) -> Law:
+    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less a lag."""
+    total = k0 + sum(k)
+
+    def law(f, fs):
+        return total - sum(c * ramp_invariant(t).law(f, fs) for c, t in zip(k, tau, strict=True))
+
+    return Law(whole_band(40), law, 1e-7, f"{len(k)} Maxwell arms", size=lambda h: np.full(h.shape, total))
+
+
+def chain(j0: float, j: Sequence[float], tau: Sequence[float], fluidity: float) -> Law:
+    """j0 + sum j/(1 + i w tau) + fluidity/(i w) of straight lines between samples; an integral is the trapezoidal rule."""
+
+    def law(f, fs):
+        d = difference(f, fs)
+        lags = sum(c * ramp_invariant(t).law(f, fs) for c, t in zip(j, tau, strict=True))
+        return j0 + lags + fluidity / fs * (1 / d - 0.5)
+
+    return Law(whole_band(40), law, 1e-7, f"{len(j)} Kelvin-Voigt elements in series")
+
+
+def running_sum() -> Law:
+    """1/(i w) by the sum of samples times their period."""
+    return Law(whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs")
+
+
+def _order(f: np.ndarray, fs: float, alpha: float, scheme: str) -> np.ndarray:
+    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form."""
+    return (fs * difference(f, fs)) ** alpha if scheme == "gl" else (2j * np.pi * f) ** alpha
+
+
+def _order_tol(fs: float, alpha: float, scheme: str, tol: float) -> float:
+    return 10 * tol + (1e-12 if scheme == "gl" else (2 * math.pi / 1000) ** max(1.0, 2 - alpha))
+
+
+def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
+    """Orders from 0 to 1, from the horizon up to fs/1000."""
+    text = f"(fs (1 - 1/z))^{alpha:g}" if scheme == "gl" else f"(i w)^{alpha:g}"
+    low = band(100 / horizon, lambda fs: fs / 1000)
+    return Law(low, lambda f, fs: _order(f, fs, alpha, scheme), _order_tol(fs, alpha, scheme, tol), text)
+
+
+def power(chi: float, alpha: float) -> Law:
+    """chi (i w)^alpha, far below the sample rate."""
+    low = band(0.01, lambda fs: fs / 1000)
+    return Law(low, lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3, f"{chi:g} (i w)^{alpha:g}")
+
+
+def series(b: Any, fs: float) -> Law:
+    """Springpot and spring (or dashpot) share one force: 1/(1/(chi (i w)^alpha) + 1/k)."""
+
+    def law(f, fs):
+        pot = b.chi * _order(f, fs, b.order, b.scheme)
+        other = b.other * fs * difference(f, fs) if b.dashpot else b.other
+        return pot * other / (pot + other)
+
+    tol = 2 * _order_tol(fs, b.order, b.scheme, b.tol)
+    return Law(band(100 / b.horizon, lambda fs: fs / 1000), law, tol, "springpot in series with another element")
+
+
+def short_memory(alpha: float, fs: float) -> Law:
+    """Gruenwald and Letnikov's sum over the last 100 samples."""
+    from scipy.special import binom
+
+    j = np.arange(100)
+    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(text="sum over the last 100 samples")
+
+
+# By block ----------------------------------------------------------------------------------------------------------------
+RESPONSES: dict[type[Block], Callable[[Any, float], tuple[Law, ...]]] = {
+    PinkNoise: lambda b, fs: (pink_noise(b.psd_1hz, b.f_low, b.tol_db),),
+    Pinking: lambda b, fs: (pinking(b.f_low, b.tol_db),),
+    Differentiator: lambda b, fs: (differentiator(b.passband, b.order, b.tol),),
+    Velocity: lambda b, fs: (slow_velocity(b.cutoff, fs), velocity(b.cutoff)),
+    FirstOrder: lambda b, fs: (lag(b.tau), ramp_invariant(b.tau)),
+    Delay: lambda b, fs: (delay(round(b.seconds * fs) if b.samples is None else b.samples),),
+    Taps: lambda b, fs: (sum_of(b.taps),),
+    Track: lambda b, fs: (tracker(b.bandwidth),),
+    TrackVelocity: lambda b, fs: (tracker(b.bandwidth, rate=True),),
+    MaxwellArms: lambda b, fs: (arms(b.k, b.tau),),
+    KelvinChain: lambda b, fs: (chain(b.j0, b.j, b.tau, b.fluidity),),
+    Integral: lambda b, fs: (running_sum(),),
+    Springpot: lambda b, fs: (springpot(b.order, b.scheme, b.tol, b.horizon, fs),),
+    Series: lambda b, fs: (series(b, fs),),
+    ShortMemory: lambda b, fs: (short_memory(b.order, fs),),
+}
+"""The laws of a block at a sample rate."""
+
+SHAPES = (PinkNoise, Pinking, Differentiator, Velocity, FirstOrder, Delay)
+"""Blocks whose first law is the shape that they give to the spectrum of a noise."""
