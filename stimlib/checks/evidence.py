@@ -82,6 +82,7 @@ class Evidence:
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
     skipped: list[str] = field(default_factory=list)
     changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
+    path: Path | None = None  # of the file
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
 
     @property
@@ -121,6 +122,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     settle(watch, params, sidecar)
     seen = watch.process(x)
     e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
+    e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
     keep_taps(e, seen, found)
     return e
 

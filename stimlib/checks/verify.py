@@ -21,6 +21,7 @@ from .noise import generator, noise
 from .report import Report
 from .responses import RESPONSES
 from .scenes import motor_limits, scene_law
+from .sidecar import clipped, says, storage
 
 ROUNDING = 1e-10  # of two computations of one transfer function
 
@@ -165,14 +166,13 @@ def limits(e: Evidence) -> list[Check]:
     said = "guards that closed" if fault is None else f"{fault[0]} at sample {fault[1]}"
     checks.append(Check("e", "no fault", int(fault is not None), 0, said))
     if e.sidecar is not None:
-        clips = sum(c["clips"] or 0 for c in e.sidecar["channels"])
-        scale = np.array([c["full_scale"] for c in e.sidecar["channels"]])[:, None]
-        over = int(np.sum(np.rint(e.y / scale * 2**23) > 2**23 - 1) + np.sum(np.rint(e.y / scale * 2**23) < -(2**23)))
-        expected = over if e.sidecar["subtype"] == "PCM_24" else 0
-        if any(c["clips"] is None for c in e.sidecar["channels"]):
+        counts = [c["clips"] for c in e.sidecar["channels"]]
+        if any(count is None for count in counts):
             e.skipped.append("clip count of the sidecar: the file was recovered, nobody counted")
         else:
-            checks.append(Check("e", "clip count of the sidecar", abs(clips - expected), 0, f"{clips} samples clipped"))
+            apart = sum(abs(a - b) for a, b in zip(counts, clipped(e), strict=True))
+            checks.append(Check("e", "clip count of the sidecar", apart, 0, f"{sum(counts)} samples clipped"))
+        checks += [*says(e), *storage(e)]
     for info in {id(m.info): m.info for m in e.motion.values() if hasattr(m, "info")}.values():
         found = ", ".join(f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what])
         text = f"{info['reports']} reports at {info['rate']:.3g} Hz, {info['repeats']} repeats left out"

@@ -260,6 +260,7 @@ def recording(
     info |= {"period": period, "rate": 1 / period, "silences": len(held.t) - len(found.t)}
     info |= {"gaps": gaps, "lifts": lifts(found), "jumps": jumps}
     duration, has_lifts = float(found.t[-1]), not bool(found.contact.all())
+    info["duration"] = duration
     del found
     motion = _tracks(table, held, whole, spec)
     functions: list[Any] = [step, *motion.values()]
