@@ -198,6 +198,39 @@ def sampled_rms(
     return amplitude * math.sqrt(square * (abs(carrier_series(rectify, np.zeros(1), freq / fs)[0]) ** 2 + 2 * c.sum()))
 
 
+def meeting(waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float) -> float:
+    """Largest relative error of ``rms`` over so many whole bumps, from lines of envelope and carrier that are near each other.
+
+    The mean of e^2 c^2 over T has, besides the product of the means, all pairs of lines n rate + m freq times
+    sinc((n rate + m freq) T); of samples, with the nearest alias of that frequency.
+
+    Parameters
+    ----------
+    waveform, duty
+        See ``envelope_mean_square``; the carrier is a half wave.
+    rate, freq : float
+        Bumps per second and carrier frequency in Hz.
+    fs, seconds : float
+        Sample rate in Hz and T in s.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> from stimlib.checks.am import meeting
+    >>> meeting("square", 0.5, 10.0, 158.0, 8000.0, 1.0) < 1e-3, meeting("square", 0.5, 10.0, 5.0, 8000.0, 1.0) > 0.1
+    (True, True)
+    """
+    n, m = np.arange(-400, 401), np.arange(-24, 25)
+    e, c = envelope_series(waveform, duty, n), carrier_series("half", m)
+    e, c = np.abs(np.convolve(e, e, "same")), np.abs(np.convolve(c, c, "same"))
+    f = n[:, None] * rate + m * freq
+    pairs = e[:, None] * c * np.abs(np.sinc((f - fs * np.rint(f / fs)) * seconds))
+    return float(0.5 * (pairs.sum() / pairs[400, 24] - 1))
+
+
 class Lines(NamedTuple):
     """Lines of a spectrum, by rising frequency."""
 
