@@ -80,6 +80,7 @@ class Evidence:
     whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate
     fingers: dict[str, laws.Finger] = field(default_factory=dict)
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
+    numbers: list[str] = field(default_factory=list)  # that stand in the graph alone, as the law reads them
     skipped: list[str] = field(default_factory=list)
     changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
     path: Path | None = None  # of the file

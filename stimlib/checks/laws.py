@@ -125,15 +125,21 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
     return v / np.longdouble(math.gamma(2 - alpha))
 
 
-def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """D^alpha y at some samples by the full sum of paper 001, eq. (3.1), from rest; and the same sum of absolute values."""
-    v = springpot_weights(scheme, alpha, int(at.max()) + 1)
+def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """D^alpha y at some samples by the full sum of paper 001, eq. (3.1), from rest; and the same sum of absolute values.
+
+    The order is that of the sample, as if it had been so from the start.
+    """
     d = np.diff(y.astype(np.longdouble), prepend=np.longdouble(y[0]))
-    if alpha == 0:
-        d[0] = 0
-    scale = np.longdouble(fs) ** np.longdouble(alpha)
-    pairs = [(v[: n + 1] @ d[n::-1], v[: n + 1] @ np.abs(d[n::-1])) for n in at]
-    return np.array([float(s * scale) for s, _ in pairs]), np.array([float(s * scale) for _, s in pairs])
+    sums = np.empty((at.size, 2))
+    for order in np.unique(alpha[at]):
+        same = np.flatnonzero(alpha[at] == order)
+        v = springpot_weights(scheme, float(order), int(at[same].max()) + 1)
+        scale = np.longdouble(fs) ** np.longdouble(order)
+        for i in same:
+            past = d[at[i] :: -1]
+            sums[i] = v[: past.size] @ past * scale, v[: past.size] @ np.abs(past) * scale
+    return sums[:, 0], sums[:, 1]
 
 
 # Bumps -------------------------------------------------------------------------------------------------------------------
@@ -170,6 +176,25 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     low = low - np.floor(low)  # places within a period have all their digits
     e = (integral(low + step) - integral(low)) / step
     return np.where(touching, e, 0).astype(float)
+
+
+def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str) -> tuple[np.ndarray, float]:
+    """d_max/d in the middle between the last two places, paper 003, section 4.2; and the largest gain between the knots."""
+    from scipy import interpolate
+
+    make = {
+        "linear": lambda a, b: interpolate.make_interp_spline(a, b, k=1),
+        "pchip": interpolate.PchipInterpolator,
+        "cubic": interpolate.CubicSpline,
+        "polynomial": interpolate.BarycentricInterpolator,
+    }
+    curve = make[kind](knots, d)
+    touching = contact > 0
+    before = np.r_[x[:1], x[:-1]]
+    first = touching & ~np.r_[False, touching[:-1]]
+    before[first] = x[first]
+    places = np.concatenate([np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)])
+    return d.max() / curve(np.clip((before + x) / 2, knots[0], knots[-1])), float(d.max() / curve(places).min())
 
 
 def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:

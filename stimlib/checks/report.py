@@ -63,14 +63,17 @@ class Report:
             table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:
             mark = Text("ok", "green") if c.passed else Text("FAILED", "bold red")
-            table.add_row(mark, Text(shown(f"({c.group}) {c.name}")), f"{c.measured:.3g}", f"{c.limit:.3g}", Text(shown(c.text)))
+            numbers = f"{c.measured:.3g}", f"{c.limit:.3g}"
+            table.add_row(mark, Text(shown(f"({c.group}) {c.name}")), *numbers, Text(shown(c.text)))
+        for text in self.evidence.numbers:
+            table.add_row("", Text("numbers of the scene"), "", "", Text(shown(text)))
         for text in self.evidence.skipped:
             table.add_row(Text("-", "yellow"), Text("not checked"), "", "", Text(shown(text)))
         return table
 
     def _what(self) -> str:
         e = self.evidence
-        return shown(e.source) + f", {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+        return f"{shown(e.source)}, {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.
@@ -116,6 +119,7 @@ def _page(r: Report, command: str | None) -> str:
     facts = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "live numbers": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
+        "numbers of the scene": "; ".join(e.numbers) or "none that a law reads",
         "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()),
         "seed": str(e.seed),
         "scene hash": e.scene.hash,

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError
-from ..graph import Block, Const, Mul, Param, reach
+from ..graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..processor import compile
+from ..scene import Scene
 from . import laws
 from .evidence import Check, Evidence, Tap, drive, live
 
@@ -57,23 +58,53 @@ def _squeeze(e: Evidence) -> list[Check]:
             on, off = laws.gate_thresholds(gate.resolution, cutoff, e.fs)
         finger = laws.squeeze_finger(x, tap.gated, contact, e.fs, k, A, cutoff, on, off)
         e.fingers[name] = finger
+        want, quiet_want = held(root, finger.force, e.y[i], e), held(root, finger.mean, mean[i], e)
+        acted = bool((want != finger.force).any())
+        slack = 2.0**-50 * getattr(root, "tau", 0.0) * e.fs * acted  # a mean over tau, by two recursions
+        limits = f", held to {' and '.join(_limits(root))}" if _limits(root) else ""
+        e.numbers.append(f"{name}: velocity through {cutoff:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s{limits}")
         scale = max(np.abs(finger.force).max(), 1e-300)
         steps = max((c[3] * e.fs for c in e.changes if c[1] == "k"), default=0.0)  # of a ramp: each is rounded
-        apart = float(np.abs(mean[i] - finger.mean).max() / scale)
-        checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps, "A = 0, relative"))
+        apart = float(np.abs(mean[i] - quiet_want).max() / scale)
+        checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps + slack, "A = 0, relative"))
         noise = np.abs(finger.force - finger.mean).max()
-        error = np.abs((e.y[i] - finger.mean) - (finger.force - finger.mean)).max()
-        limit = 1e-9 + 4e-16 * scale / noise if noise > 0 else 1e-14
+        error = np.abs(e.y[i] - want).max()
+        limit = 1e-9 + (4e-16 + slack) * scale / noise if noise > 0 else 1e-14
         checks.append(
             Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
         )
         wrong = int(np.sum((finger.gate != tap.gate) & (A != 0)))
         checks.append(Check("e", f"{name}: gate timing", wrong, 0, "samples where the gate differs"))
-        if np.ptp(k) > 0:
+        if acted:
+            e.skipped.append(f"{name}: it was limited, so the force over position has no one slope")
+        elif np.ptp(k) > 0:
             e.skipped.append(f"{name}: k was changed, so the force over position has no one slope")
         else:
             checks += _slope(name, x, e, i, float(k[0]), A * float(k[0]) * finger.v / 8000**2, tap)
     return checks
+
+
+def held(root: Block, want: np.ndarray, y: np.ndarray, e: Evidence) -> np.ndarray:
+    """What the limits on an output make of a law; the gain of the static one follows from the output's own past."""
+    from scipy.signal import lfilter
+
+    from ..blocks.actuator import ForceLimit, StaticLimit
+
+    if isinstance(root, StaticLimit):
+        a, most = -np.expm1(-1 / (root.tau * e.fs)), root.limit**2
+        mean = np.r_[0.0, lfilter([a], [1, a - 1], y**2)[:-1]]
+        return np.minimum(1.0, (most - mean) / (0.19 * most)) * held(root.x, want, y, e)
+    if isinstance(root, ForceLimit) and isinstance(root.peak, Const):
+        return np.clip(held(root.x, want, y, e), -root.peak.value, root.peak.value)
+    return want
+
+
+def _limits(root: Block) -> list[str]:
+    from ..blocks.actuator import ForceLimit, StaticLimit
+
+    if isinstance(root, StaticLimit):
+        return [*_limits(root.x), f"{root.limit:g} N static"]
+    return [f"{root.peak.value:g} N peak"] if isinstance(root, ForceLimit) and isinstance(root.peak, Const) else []
 
 
 def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.ndarray, tap: Tap) -> list[Check]:
@@ -112,26 +143,31 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.nda
 
 def _viscoelastic(e: Evidence) -> list[Check]:
     """The springpot's force at some samples against the full sum over the history, in extended precision."""
-    from ..blocks.fractional import Downsampled, ShortMemory, Springpot
+    from ..blocks.fractional import Downsampled, ShortMemory, Springpot, SpringpotLive
 
-    spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, (Springpot, Downsampled, ShortMemory)))
-    if not isinstance(spring, Springpot):
+    kinds = (Springpot, SpringpotLive, Downsampled, ShortMemory)
+    spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, kinds))
+    if not isinstance(spring, (Springpot, SpringpotLive)):
         e.skipped.append("force: only the full sum's own schemes, gl and l1, have a law")
         return []
     rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
     y, n = rows["y"], e.x.shape[1]
     touching = rows.get("contact", np.ones(n)) > 0
-    gain = live(e, "firmness") * _gain(e.scene.outputs["force"])
+    alpha = _signal(e, as_block(spring.order) if isinstance(spring, Springpot) else spring.alpha)
+    chi = _gain(e.scene.outputs["force"], spring)
+    gain = live(e, "firmness") * chi
+    at_1_hz = chi * (2 * np.pi) ** alpha[0]
+    e.numbers.append(f"chi = {chi:.6g}, alpha = {alpha[0]:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for firmness 1")
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
     worst = 0.0
     for a, b in zip(starts, stops, strict=True):
         at = np.unique(np.linspace(0, b - a - 1, max(2, round(64 * (b - a) / n))).astype(int))
-        force, size = laws.springpot_sum(y[a:b], e.fs, spring.scheme, spring.order, at)
+        force, size = laws.springpot_sum(y[a:b], e.fs, spring.scheme, alpha[a:b], at)
         g = gain[a:b][at]
         bound = np.abs(g) * (spring.tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(g) * np.abs(force)
         worst = max(worst, float(np.max(np.abs(e.y[0, a:b][at] - g * force) / np.maximum(bound, 1e-300))))
-    text = f"tol = {spring.tol:g}, alpha = {spring.order:g}, {spring.scheme}: error over its certificate"
+    text = f"tol = {spring.tol:g}, alpha = {alpha.min():g} .. {alpha.max():g}, {spring.scheme}: error over its certificate"
     lost = float(np.abs(e.y[0, ~touching]).max(initial=0.0))
     return [
         Check("d", "force: full sum over the history", worst, 1.0, text),
@@ -139,9 +175,19 @@ def _viscoelastic(e: Evidence) -> list[Check]:
     ]
 
 
-def _gain(root: Block) -> float:
+def _signal(e: Evidence, b: Block) -> np.ndarray:
+    """A signal of the scene at every sample."""
+    proc = compile(Scene({"y": b}), e.fs, seed=e.seed)
+    for name in proc.params:
+        proc.set(name, e.params[name], ramp=0.0)
+    x = np.array([e.x[e.proc.inputs.index(name)] for name in proc.inputs]).reshape(len(proc.inputs), e.x.shape[1])
+    return drive(proc, x, [c for c in e.changes if c[1] in proc.params])[0]
+
+
+def _gain(root: Block, spring: Block) -> float:
     """Product of the plain numbers on the way to the springpot."""
-    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const)]))
+    inner = {id(b) for b in reach([spring])}
+    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const) and id(b) not in inner]))
 
 
 def _factor_of(name: str, blocks: list[Block]) -> float:
@@ -153,8 +199,13 @@ def _factor_of(name: str, blocks: list[Block]) -> float:
 
 
 def _bumps(e: Evidence) -> list[Check]:
-    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model."""
+    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model.
+
+    Equalised, it is that times d_max/d between the last two places; limited, it is scaled, or clipped, or both.
+    """
     from ..blocks.carrier import Bump, Carrier
+    from ..blocks.maps import Maximum, Minimum
+    from ..blocks.table import Lut, Polynomial
     from . import am
 
     blocks = reach(e.scene.outputs.values())
@@ -177,11 +228,26 @@ def _bumps(e: Evidence) -> list[Check]:
     shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
     wave = laws.carrier_half(freq, e.fs)
     e.curves |= {"envelope": shape, "carrier": wave}
-    top = gain * float(np.abs(A).max()) or 1.0
-    error = float(np.abs(e.y[0] - gain * A * shape * wave).max() / top)
+    want, highest = gain * A * shape * wave, gain * np.abs(A)
+    e.numbers.append(f"amplifier {gain:g}, wavelength {1000 / per_metre:.4g} mm, {envelope.waveform}")
+    table: Any = next((b for b in blocks if isinstance(b, (Lut, Polynomial))), None)
+    if table is not None:
+        kind = getattr(table, "kind", "polynomial")
+        factor, most = laws.profile_gain(rows["x"], contact, table.knots, table.values, kind)
+        want, highest = want * factor, highest * most
+        e.numbers.append(f"equalised by {len(table.knots)} measured places ({kind}), at most {most:.4g} times")
+    root = e.scene.outputs["voltage"]
+    if isinstance(root, Minimum) and isinstance(root.b, Const):
+        limit = root.b.value
+        if any(isinstance(b, Div) and isinstance(b.b, Maximum) for b in blocks):
+            want = want * (limit / np.maximum(limit, highest))
+        e.numbers.append(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
+        want = np.clip(want, -limit, limit)
+    top = float(highest.max()) or 1.0
+    error = float(np.abs(e.y[0] - want).max() / top)
     checks = [Check("d", "voltage: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
     checks.append(Check("e", "voltage: none off contact", float(np.abs(e.y[0, contact <= 0]).max(initial=0.0)), 0.0, "V"))
-    speed, steady = np.diff(u) * e.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0
+    speed, steady = np.diff(u) * e.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and isinstance(root, Mul) and table is None
     if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and contact.all() and abs(u[-1] - u[0]) >= 1:
         whole = int(abs(u[-1] - u[0]))
         y = e.y[0, 1 : 1 + round(whole / abs(speed[0]) * e.fs)] / top

@@ -129,11 +129,19 @@ def _delivered(e: Evidence, log: Log) -> list[Check]:
     wrong = len(hashes.wrong) + len(log.spans) - hashes.done
     first = f", the first of frames {hashes.wrong[0][0]} to {hashes.wrong[0][1]}" if hashes.wrong else ""
     changed, rows = len(changed_motion(log)), len(log.motion_spans)
+    units = int(log.header["units"] != processor(log).units)
     checks = [
         Check("b", "log: delivered = replay", wrong, 0, f"hashes that differ, of {len(log.spans)}{first}"),
         Check("b", "log: replay = these samples made safe", differ, 0, "delivered samples whose bits differ"),
         Check("b", "log: motion as it was written", changed, 0, f"hashes that differ, of {rows}"),
         Check("b", "log: all samples are there", missing, 0, "samples produced, and not in the log"),
+        Check(
+            "e",
+            "log: units as the scene's",
+            int(log.header["units"] != processor(log).units),
+            0,
+            "of inputs, outputs, live numbers",
+        ),
     ]
     said = log.report or {}
     if all(isinstance(said.get(what), int) for what in ("delivered", "lost")):

@@ -98,8 +98,7 @@ def bumps(
         V = equalize(x, displacement, limit, headroom, signal=V, peak=gain * abs(A), contact=on)
     elif limit is not None:
         V = within(V, limit, headroom, peak=gain * abs(A))
-    plain = displacement is None and limit is None
-    return Scene({"voltage": V}, law="bumps" if plain else None)
+    return Scene({"voltage": V}, law="bumps")
 
 
 class Stimulus(NamedTuple):

@@ -102,4 +102,4 @@ def squeeze(
         outputs[f"force{i}"] = force
         if motor_constant is not None:
             outputs[f"current{i}"] = motor_current(force, x, motor_constant)
-    return Scene(outputs, law=None if limits else "squeeze")
+    return Scene(outputs, law="squeeze")

@@ -57,8 +57,77 @@ def test_nothing_is_shown_at_amplitude_zero_and_the_report_says_so():
     assert r.passed and np.abs(r.evidence.y).max() == 0
 
 
-def test_limits_and_profiles_have_no_law():
-    assert bumps(limit=150.0).law is None and bumps().law == "bumps"
+PROFILE = [0.0, 0.03, 0.05, 0.07, 0.1], [1.0, 1.6, 1.84, 1.6, 1.0]
+MANY = np.linspace(0, 0.1, 9), 1 + 0.8 * np.sin(np.pi * np.linspace(0, 1, 9))
+HELD = {
+    "limit": ({"limit": 150.0}, "limited to 150 V, "),
+    "scale": ({"limit": 150.0, "headroom": "scale"}, "0 samples held"),
+    "profile": ({"displacement": PROFILE}, "equalised by 5 measured places (polynomial), at most 1.84 times"),
+    "cubic, limit": ({"displacement": MANY, "limit": 180.0}, "(cubic)"),
+    "profile, scale, lifts": ({"displacement": PROFILE, "limit": 180.0, "headroom": "scale", "contact": True}, "0 samples held"),
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("wrong", [None, "law", "limit"])
+def test_bumps_with_limits_and_profiles_are_proved(monkeypatch, name, wrong):
+    words, says = HELD[name]
+    motion = {"x": constant_speed(0.05, 0.12)} | (
+        {"contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)} if "contact" in words else {}
+    )
+    if wrong == "law":  # a law one per mille off is not what was rendered
+        honest = laws.bump_envelope
+        monkeypatch.setattr(laws, "bump_envelope", lambda *a: 1.001 * honest(*a))
+    if wrong == "limit":
+        if "profile" not in name and "cubic" not in name:
+            return
+        honest_gain = laws.profile_gain
+        monkeypatch.setattr(laws, "profile_gain", lambda *a: (honest_gain(*a)[0] * 1.001, honest_gain(*a)[1]))
+    r = report(bumps("sine", 18, 0.5, **words), motion, 2.0)
+    assert r.passed == (wrong is None), str(r)
+    numbers = "; ".join(r.evidence.numbers)
+    assert "amplifier 50, wavelength 5.556 mm" in numbers and (wrong or says in numbers)
+
+
+@pytest.mark.parametrize(("motion", "acts"), [(minimum_jerk(), False), (ramp_and_hold(0.06, 0.3), True)])
+def test_a_limited_squeeze_is_proved(monkeypatch, motion, acts):
+    r = report(stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": motion}, 5.0)
+    assert r.passed, str(r)
+    assert ("it was limited" in "".join(r.evidence.skipped)) == acts
+    assert "held to 100 N peak and 37 N static" in r.evidence.numbers[0]
+    honest = laws.squeeze_finger
+    monkeypatch.setattr(laws, "squeeze_finger", lambda *a: (f := honest(*a))._replace(mean=f.mean * (1 + 1e-9)))
+    bad = report(stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": motion}, 5.0)
+    assert [c.name for c in bad.checks if not c.passed] == ["force1: mean part is k x"]
+
+
+@pytest.mark.parametrize("scheme", ["gl", "l1"])
+def test_a_live_order_is_proved(monkeypatch, scheme):
+    y, alpha = stimlib.Input("y", "m"), 0.5 + 0.4 * stimlib.blocks.sin(stimlib.Input("q"))
+    motion = {"y": sinusoid(0.01, 3.0), "q": lambda t: 5 * t}
+    scene = stimlib.Scene(
+        {"force": stimlib.Param("firmness", 1.0) * stimlib.blocks.springpot(y, 100.0, alpha, scheme)}, "viscoelastic"
+    )
+    r = report(scene, motion, 1.0)
+    assert r.passed and "alpha = 0.1 .. 0.9" in str(r), str(r)
+    honest = laws.springpot_sum
+    monkeypatch.setattr(laws, "springpot_sum", lambda y, fs, s, a, at: honest(y, fs, s, a + 1e-7, at))
+    assert not report(scene, motion, 1.0).passed
+    live = stimlib.Scene(
+        {"force": stimlib.Param("firmness", 1.0) * stimlib.blocks.springpot(y, 100.0, stimlib.Param("alpha", 0.5))},
+        "viscoelastic",
+    )
+    monkeypatch.undo()
+    r = report(live, {"y": motion["y"]}, 1.0, params={"alpha": 0.3})
+    assert r.passed and "alpha = 0.3: as strong at 1 Hz as 173.6 N/m" in "".join(r.evidence.numbers)
+
+
+def test_numbers_of_the_graph_are_printed_in_table_and_page(tmp_path):
+    r = report(bumps(gain=50.0), {"x": sinusoid(0.05, 1.0)}, seconds=0.5)
+    r.to_html(tmp_path / "a.html")
+    for text in (str(r), (tmp_path / "a.html").read_text()):
+        assert "amplifier 50, wavelength 16.67 mm" in text
+    assert "as strong at 1 Hz as 300 N/m" in str(report(viscoelastic(0.25), {"y": sinusoid(0.01, 1.0)}, seconds=0.5))
 
 
 @pytest.mark.parametrize("path", ["finger_touchpad_horizontal.csv", "finger_touchscreen_updown.csv", "stylus_drag_pressure.csv"])
