@@ -1,11 +1,11 @@
 """What a file says of itself: every key edited, with all hashes that an editor can make again; storage too coarse."""
 
-import hashlib
 import json
 
 import numpy as np
 import pytest
 import soundfile as sf
+from faults import EDITS, FILE_MOTION, honest_file, verified
 
 import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
@@ -13,74 +13,19 @@ from stimlib.checks import sidecar as checked
 from stimlib.devices import file
 from stimlib.devices.motion import minimum_jerk
 
-MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
-
 
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("honest")
-    proc = stimlib.compile(stimlib.scenes.squeeze(), 8000, seed=3)
-    proc.set("k", 1800.0, ramp=0.0)
-    file.write(folder / "a.wav", proc, MOTION, 1.0, progress=False)
-    return (folder / "a.wav").read_bytes(), json.loads((folder / "a.wav.json").read_text())
+    return honest_file(tmp_path_factory.mktemp("honest"))
 
 
-def verified(folder, audio, told, name="a.wav", scene=None, motion=None):
-    (folder / name).write_bytes(audio)
-    told = told | {"file_sha256": hashlib.sha256(audio).hexdigest()}
-    (folder / f"{name}.json").write_text(json.dumps(told))
-    return stimlib.verify(scene or stimlib.scenes.squeeze(), motion or MOTION, folder / name)
-
-
-def refused(*args, **words):
+def refused(*args):
     try:
-        return not verified(*args, **words).passed
+        return not verified(*args).passed
     except StimlibError:
         return True
 
 
-def channel(k, **what):
-    return lambda d: d["channels"][k].update(what)
-
-
-def swap_names(d):
-    a, b = d["channels"]
-    a["name"], b["name"] = b["name"], a["name"]
-
-
-def other_k(d):
-    next(b for b in d["scene"]["blocks"] if b["fields"].get("name") == "k")["fields"]["value"] = 1000.0
-
-
-EDITS = {
-    "format": lambda d: d.update(format="RF64"),
-    "subtype": lambda d: d.update(subtype="DOUBLE"),
-    "fs": lambda d: d.update(fs=8001.0),
-    "frames": lambda d: d.update(frames=7999),
-    "channel names": swap_names,
-    "unit": channel(0, unit="mN"),
-    "full scale": channel(1, full_scale=2.0),
-    "clips": channel(1, clips=1),
-    "clips moved": lambda d: (d["channels"][0].update(clips=1), d["channels"][1].update(clips=-1)),
-    "peak": lambda d: d["channels"][0].update(peak=10 * d["channels"][0]["peak"]),
-    "peak by a bit": lambda d: d["channels"][1].update(peak=float(np.nextafter(d["channels"][1]["peak"], 0))),
-    "seed": lambda d: d.update(seed=4),
-    "params": lambda d: d["params"].update(k=1700.0),
-    "params, one more": lambda d: d["params"].update(b=1.0),
-    "index": lambda d: d.update(index=1),
-    "log, value": lambda d: d["log"][0].update(value=1801.0),
-    "log, ramp": lambda d: d["log"][0].update(ramp=0.1),
-    "log, at": lambda d: d["log"][0].update(at=100),
-    "log, lost": lambda d: d.update(log=[]),
-    "motion, an input less": lambda d: d["motion"].pop("x2"),
-    "scene, k": other_k,
-    "scene, law": lambda d: d["scene"].update(law=None),
-    "scene_hash": lambda d: d.update(scene_hash="0" * 64),
-    "sha256": lambda d: d.update(sha256="0" * 64),
-    "sha256, none": lambda d: d.update(sha256=None),
-    "a key more": lambda d: d.update(calibrated=True),
-    "recovered, of fewer": lambda d: d.update(recovered={"frames": 100}),
-}  # fmt: skip
 TOLD = {
     "stimlib": lambda d: d.update(stimlib="9.9\x1b[31m"),
     "versions": lambda d: d["versions"].update(numpy="0.1"),
@@ -111,7 +56,7 @@ def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_th
     (tmp_path / "whole.wav").write_bytes(audio)
     y, fs = sf.read(tmp_path / "whole.wav", dtype="float32")
     sf.write(tmp_path / "cut.wav", y[:4000], fs, "FLOAT")
-    peaks = [float(np.abs(s).max()) for s in stimlib.render(stimlib.scenes.squeeze(), MOTION, 8000, 0.5, {"k": 1800.0}, 3).y]
+    peaks = [float(np.abs(s).max()) for s in stimlib.render(stimlib.scenes.squeeze(), FILE_MOTION, 8000, 0.5, {"k": 1800.0}, 3).y]
     cut = told | {"frames": 4000, "channels": [c | {"peak": p} for c, p in zip(told["channels"], peaks, strict=True)]}
     report = verified(tmp_path, (tmp_path / "cut.wav").read_bytes(), cut)
     assert [c.name for c in report.checks if not c.passed] == ["sidecar: hash of the signal"]
