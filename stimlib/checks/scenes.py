@@ -69,7 +69,7 @@ def _squeeze(e: Evidence) -> list[Check]:
         checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps + slack, "A = 0, relative"))
         noise = np.abs(finger.force - finger.mean).max()
         error = np.abs(e.y[i] - want).max()
-        limit = 1e-9 + (4e-16 + slack) * scale / noise if noise > 0 else 1e-14
+        limit = 1e-9 + (4e-16 + slack) * scale / noise if noise > 0 else 1e-14 + slack
         checks.append(
             Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
         )
@@ -138,7 +138,7 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.nda
     deviation = float(np.sqrt(e.fs / n * density.sum())) / power
     sigmas = float(stats.norm.isf(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
-    return [Check("d", f"{name}: slope of force over position", abs(slope - k), sigmas * deviation + lost, text)]
+    return [Check("d", f"{name}: slope of force over position", abs(slope - k), sigmas * deviation + lost + 1e-12 * abs(k), text)]
 
 
 def _viscoelastic(e: Evidence) -> list[Check]:
