@@ -106,7 +106,7 @@ def _own(rng):
     fs = float(rng.choice([4000, 8000, 44100, 48000, 192000]))
     x = Input("x", "m")
     noise = b.enabled(b.pink_noise(1.0, int(rng.integers(99)), f_low=10.0), by=x > constant(0.005, "m"))
-    force = maxwell(OwnHighPass(x, 0.05) + track(x, 20.0, max_jump=None), 200.0, tau=float(10 ** rng.uniform(-6, 2)))
+    force = maxwell(OwnHighPass(x, 0.05) + track(x, 20.0), 200.0, tau=float(10 ** rng.uniform(-6, 2)))
     outputs = {"f": force, "n": Param("g", 1.0) * noise + b.white_noise(500), "d": b.delay(b.first_order(x, 0.01), 7)}
     return Scene(outputs), {"x": hand(rng, 0.02)}, fs, {"g": rng.uniform(-1, 1)}
 

@@ -3,8 +3,12 @@
 ``python tests/stress/verify_many.py`` prints the table of docs/verification.rst, and verifies a thousand correct renderings.
 """
 
+import numpy as np
 import pytest
+from correct import rendering
 from faults import DESIGNS, FAULTS, MUTATIONS, caught, failed, mutated
+
+import stimlib
 
 
 @pytest.mark.parametrize("name", MUTATIONS)
@@ -32,3 +36,11 @@ def test_what_is_faulty_is_not_the_scene():
 def test_fifty_correct_renderings_pass():
     wrong = {seed: bad for seed in range(50) if (bad := failed(seed=seed, seconds=1.0))}
     assert not wrong
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_correct_renderings_of_every_kind_pass(seed):
+    """The short form of ``tests/stress/verify_many.py``: own blocks, live numbers, limits, 1 to 192 kHz, held hands."""
+    kind, scene, motion, render = rendering(np.random.default_rng(10**6 + seed))
+    report = stimlib.verify(scene, motion, render(scene, motion))
+    assert report.passed, f"{kind}: {report}"
