@@ -16,7 +16,7 @@ from .evidence import Check, Evidence, keep_taps, with_taps
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
-from .verify import limits, linear_blocks, same_samples
+from .verify import limits_kept, linear_blocks, same_samples
 
 
 def verify_log(log: Log, scene: Scene | None = None) -> Report:
@@ -53,7 +53,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
     checks = [*_delivered(e, log), *linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
     if cut:
         checks += scene_law(law)
-    checks += limits(e)
+    checks += limits_kept(e)
     e.skipped += log.notes
     if log.lost:
         lost = sum(n for _, n in log.lost)

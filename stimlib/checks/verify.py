@@ -59,7 +59,7 @@ def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     True
     """
     e = gather(scene, motion, rendering)
-    return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits(e)], e)
+    return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits_kept(e)], e)
 
 
 # a: linear blocks --------------------------------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def same_samples(e: Evidence) -> list[Check]:
 
 
 # e: limits ---------------------------------------------------------------------------------------------------------------
-def limits(e: Evidence) -> list[Check]:
+def limits_kept(e: Evidence) -> list[Check]:
     bad = int(np.sum(~np.isfinite(e.shown)))
     checks = motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
     fault = e.proc.fault
