@@ -41,7 +41,7 @@ class Check:
         return bool(self.measured <= self.limit)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tap:
     """One gated noise of the scene, seen before gate and rate on its own clock."""
 
@@ -166,7 +166,7 @@ def with_taps(scene: Scene, fs: float):
 
 def within_another(b: Enabled, root: Block) -> bool:
     """Whether it runs on the clock of another enabled."""
-    return any(isinstance(c, Enabled) and b in reach([c.block]) for c in reach([root]))
+    return any(isinstance(c, Enabled) and any(b is d for d in reach([c.block])) for c in reach([root]))
 
 
 def free_noises(scene: Scene) -> dict[str, Block]:
