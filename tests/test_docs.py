@@ -1,5 +1,6 @@
 """The user guide builds without a warning, and what it says is true: every snippet runs."""
 
+import csv
 import doctest
 import re
 import subprocess
@@ -64,3 +65,15 @@ def test_guide_prints_what_the_examples_print():
         for line in printed.splitlines():
             pages = ("first_stimulus.rst", "add_a_block.rst", "fitting.rst", "bumps.rst", "batches.rst")
             assert f"   {line}\n" in text_of(*pages)
+
+
+def test_every_test_in_the_table_of_findings_exists():
+    rows = list(csv.reader((DOCS / "findings.csv").read_text().splitlines()))
+    root = DOCS.parent
+    for finding, _, what, test in rows:
+        assert what and (test or finding == "I10"), finding
+        path, _, name = test.partition("::")
+        assert not test or re.search(rf"^ *def {name}\(", (root / path).read_text(), re.M), test
+    assert {r[0] for r in rows} >= {
+        f"{c}{n}" for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10)) for n in range(1, last + 1)
+    }
