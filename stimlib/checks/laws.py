@@ -171,9 +171,11 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     same = (np.floor(u) == np.floor(before)) & ((u - np.floor(u) < d) == (before - np.floor(before) < d))
     same |= waveform in ("sine", "half_sine")  # they have no edges
     still = (np.abs(du) < 1e-8) & same  # the value there: a difference of integrals would have no digits left
-    step = np.where(still, np.longdouble(1e-9), du)
     low = np.where(still, u, before)
     low = low - np.floor(low)  # places within a period have all their digits
+    tiny = np.longdouble(1e-9)
+    ahead = (low + tiny > 1) | ((low < d) & (low + tiny > d))  # an edge is so near that a small step goes the other way
+    step = np.where(still, np.where(ahead, -tiny, tiny), du)
     e = (integral(low + step) - integral(low)) / step
     return np.where(touching, e, 0).astype(float)
 

@@ -69,6 +69,15 @@ def test_bumps_on_any_carrier_pass(freq, speed):
     assert r.passed, str(r)
 
 
+@pytest.mark.parametrize("waveform", ["square", "sawtooth", "sine"])
+@pytest.mark.parametrize("edge", [2.0, 1.0, 1.5])
+def test_a_finger_that_rests_a_rounding_away_from_an_edge_passes(waveform, edge):
+    """Found by the 1000 renderings of ``stress/verify_many.py``: a groove was taken for the next ridge."""
+    for x in (np.nextafter(edge, 0), edge, np.nextafter(edge, 3)):
+        r = report(bumps(waveform, 1, length=1.0), {"x": np.full(300, x)})
+        assert r.passed, str(r)
+
+
 @pytest.mark.parametrize("name", ["tap0", "gate0"])
 def test_outputs_may_have_any_name(name):
     x = Input("x", "m")
