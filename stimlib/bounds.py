@@ -62,7 +62,7 @@ class Limits:
         if name not in {f.name for f in dc.fields(self)}:
             raise BadValue(f"limits: there is no {name!r}; there are {', '.join(f.name for f in dc.fields(self))}")
         try:
-            good = value > 0 and not math.isnan(value)
+            good = not isinstance(value, bool) and value > 0 and not math.isnan(value)
         except TypeError:
             good = False
         if not good:
@@ -71,6 +71,8 @@ class Limits:
 
     def check(self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue) -> None:
         """Raise an error of the kind that is wanted, with the remedy, where an amount is above one of the limits."""
+        if _wrong:
+            raise BadValue(_wrong[0])
         most = getattr(self, name)
         if amount > most:
             enough = f"{name}={_enough(amount)}"
@@ -88,15 +90,19 @@ def _enough(amount: float) -> str:
     return f"{(math.floor(amount / unit) + 1) * unit:.2g}"
 
 
+_wrong: list[str] = []  # what the environment says and cannot mean: told where a limit is first needed
+
+
 def _from_environment() -> Limits:
     limits = Limits()
     for word in os.environ.get(VARIABLE, "").replace(",", " ").split():
         name, _, value = word.partition("=")
         try:
-            number = float(value)
+            setattr(limits, name, float(value))
+        except BadValue as e:
+            _wrong.append(f"{VARIABLE}: {e}")
         except ValueError:
-            raise BadValue(f"{VARIABLE}: {word!r} is not NAME=NUMBER") from None
-        setattr(limits, name, number)
+            _wrong.append(f"{VARIABLE}: {word!r} is not NAME=NUMBER, words apart and no blanks around =")
     return limits
 
 

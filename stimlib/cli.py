@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import importlib.util
 import inspect
 import shlex
@@ -155,6 +156,9 @@ def _friendly() -> Iterator[None]:
         errors.print("stopped; nothing was left behind")
         raise typer.Exit(130) from None
     except Exception as e:
+        if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:
+            _say("[bold red]error:[/]", f"cannot write what is printed: {e.strerror}")
+            raise typer.Exit(2) from None
         errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
         _say("[bold red]unexpected error:[/]", f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it")
         raise typer.Exit(3) from None
@@ -587,7 +591,12 @@ def verify_(
             if motion:
                 motions, _ = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
             else:
-                motions = {name: parse_motion(text) for name, text in file.read(wav)[1]["motion"].items()}
+                told = file.read(wav)[1]["motion"]
+                if any(text.startswith("log of") for text in told.values()):
+                    raise BadValue(f"{wav} was made of a session's log: verify that, with stimlib verify --log")
+                if any("(" not in text or text.startswith("recording(") for text in told.values()):
+                    raise BadValue(f"{wav}: its motion was recorded; give --motion, --map and all that it was rendered with")
+                motions = {name: parse_motion(text) for name, text in told.items()}
             result = verify(made, motions, wav)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:

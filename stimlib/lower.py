@@ -13,7 +13,7 @@ import numpy as np
 from . import steps
 from . import units as un
 from .bounds import limits
-from .errors import SceneError
+from .errors import SceneError, StimlibError
 from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
 
 PARAMS, ROOT = 0, 1  # clocks: live numbers, always; the sample clock.  Each enabled adds one.
@@ -285,12 +285,17 @@ def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
         p: Any = ()
         s: Any = ()
         if q.kind == "block":
-            pair = q.block.design(fs)
+            try:
+                pair = q.block.design(fs)
+            except Exception as e:
+                if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
+                    raise
+                raise SceneError(f"{steps.place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
             steps.check_design(cls, pair)
             p, s = pair
             known(cls, getattr(cls.tile or cls.step, "__code__", None), type(p), type(s))
         used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
-        limits.check("state_bytes", used, f"bytes of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        limits.check("state_bytes", used, f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz")
         made.append((p, s))
     return made
 

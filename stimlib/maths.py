@@ -49,6 +49,7 @@ def floor(x):
 
 def _libm(f, pole):
     def g(x):
+        x = float(x)
         try:
             return F(f(x))
         except OverflowError:

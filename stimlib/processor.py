@@ -172,7 +172,7 @@ class Processor:
                 out = np.empty((len(self.outputs), x.shape[1]))
             if not self._run(x, out):
                 return out
-        except (TypeError, AttributeError, IndexError):
+        except (TypeError, AttributeError, IndexError, ValueError):
             pass
         self._explain("x", x, self.inputs, None)
         self._explain("out", out, self.outputs, x.shape[1])
@@ -213,7 +213,10 @@ class Processor:
 
     @state.setter
     def state(self, words: np.ndarray) -> None:
-        words = np.ascontiguousarray(words)
+        try:
+            words = np.ascontiguousarray(words)
+        except ValueError:  # rows of several lengths
+            words = np.zeros(0)
         if words.dtype != np.uint64 or words.shape != (self._size,):
             raise BadValue(
                 f"state must be uint64 of shape ({self._size},), as proc.state gives it; got {words.dtype} {words.shape}"
@@ -284,7 +287,7 @@ class Processor:
         >>> proc.process(np.empty((0, 5)))
         array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
         """
-        if name not in self.program.params:
+        if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
         value, ramp = _number(value, f"set({name!r}): value"), _number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):

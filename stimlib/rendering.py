@@ -255,6 +255,8 @@ def render(
     if on_fault not in FAULTS:
         raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)
+    if not isinstance(params, Mapping | None):
+        raise BadValue(f"params must map names of live numbers to values, got {type(params).__name__}")
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)

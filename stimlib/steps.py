@@ -200,6 +200,10 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     body = ast.parse(text).body[0]
     stored = {n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     for node in ast.walk(body):
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            refuse(
+                node.lineno + offset, f"{ast.unparse(node)} cannot be set: parameters and state are tuples; return a new state"
+            )
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id not in stored:
             for who, what, t in ((given[0], "parameters", p_type), (given[1], "state", s_type)):
                 fields = getattr(t, "_fields", ())

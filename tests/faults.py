@@ -307,6 +307,10 @@ def other_k(d):
 
 
 EDITS = {
+    "recovered, no table": lambda d: d.update(recovered=5),
+    "recovered, no number": lambda d: d.update(recovered={"frames": None}),
+    "a key of a channel more": lambda d: d["channels"][0].update(gain=2.0),
+    "clips not counted": lambda d: d["channels"][0].update(clips=None),
     "format": lambda d: d.update(format="RF64"),
     "subtype": lambda d: d.update(subtype="DOUBLE"),
     "fs": lambda d: d.update(fs=8001.0),

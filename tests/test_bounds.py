@@ -9,7 +9,7 @@ import pytest
 import stimlib
 from stimlib.bounds import Limits
 from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, shown
-from stimlib.files import regular
+from stimlib.files import fields, regular
 
 
 def test_a_limit_says_its_name_and_what_is_enough():
@@ -21,7 +21,7 @@ def test_a_limit_says_its_name_and_what_is_enough():
     mine.check("scene_bytes", 101, "a.json: bytes")
 
 
-@pytest.mark.parametrize("value", [0, -1, float("nan"), "many", None])
+@pytest.mark.parametrize("value", [0, -1, float("nan"), "many", None, True])
 def test_limits_are_numbers_above_0(value):
     with pytest.raises(BadValue, match="scene_bytes"):
         Limits().scene_bytes = value
@@ -36,7 +36,7 @@ def test_unknown_limits_are_told():
     "text, expected", [("scene_blocks=7 scene_bytes=1e3", "7.0 1000.0"), ("scene_blocks", "not NAME=NUMBER"), ("a=1", "no 'a'")]
 )
 def test_limits_from_the_environment(text, expected):
-    code = "import stimlib; print(stimlib.limits.scene_blocks, stimlib.limits.scene_bytes)"
+    code = "from stimlib import limits; limits.check('scene_bytes', 1, 'a'); print(limits.scene_blocks, limits.scene_bytes)"
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | {"STIMLIB_LIMITS": text}, capture_output=True, text=True)
     assert expected in run.stdout + run.stderr
 
@@ -88,3 +88,8 @@ def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
     assert (tmp_path / "a").read_text() == "old" and not (tmp_path / "a.part").exists()
     regular.publish(tmp_path / "a", "new")
     assert (tmp_path / "a").read_text() == "new" and os.listdir(tmp_path) == ["a"]
+
+
+def test_numbers_of_files_are_those_that_a_float_tells_apart():
+    assert fields.number(2**53) and fields.number(-(2**53))
+    assert not fields.number(2**53 + 1) and not fields.number(-(2**53) - 1)

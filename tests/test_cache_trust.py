@@ -147,6 +147,23 @@ def test_an_entry_that_is_a_link_is_not_run(folder, tmp_path):
     assert not cache._sound(place, text)
 
 
+def test_an_entry_without_what_was_compiled_is_not_sound(folder):
+    place = entry(folder, "Add")
+    text = (place / f"{place.name}.py").read_text()
+    sums = json.loads((place / cache.SUMS).read_text())
+    (place / cache.SUMS).write_text(json.dumps({name: s for name, s in sums.items() if name.endswith(".py")}))
+    assert not cache._sound(place, text)
+
+
+def test_a_pipe_in_an_entry_is_not_waited_for(folder):
+    place = entry(folder, "Add")
+    text = (place / f"{place.name}.py").read_text()
+    code = next(p for p in files(place) if p.suffix == ".nbc")
+    code.unlink()
+    os.mkfifo(code)
+    assert not cache._sound(place, text)
+
+
 # Damage --------------------------------------------------------------------------------------------------------------
 def test_every_flipped_bit_is_seen(folder):
     rng = np.random.default_rng(0)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.errors import BadValue, StimlibError, UnitError
+from stimlib import Input, Param, Scene, blocks, constant, maths
+from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 from stimlib.graph import Block, Equal, NotEqual, reach
 from stimlib.units import ONE, unit
 
@@ -93,6 +93,12 @@ def test_other_powers():
     for f in (lambda: n**m, lambda: n ** "2", lambda: 2**n, lambda: np.float64(2) ** n):
         with pytest.raises(BadValue, match="the exponent must be a number; a"):
             f()
+
+
+def test_the_mathematics_of_steps_takes_numbers_alone():
+    for f in (maths.sin, maths.exp, maths.tanh, maths.log, maths.cos):
+        with pytest.raises(SceneError, match="stimlib.blocks"):
+            f(x)
 
 
 # numpy, math and the rest --------------------------------------------------------------------------------------------

@@ -71,6 +71,15 @@ def test_a_length_that_is_none(seconds):
         render(SCENE, {"x": np.sin}, 1000, seconds)
 
 
+def test_samples_of_all_outputs_count(monkeypatch):
+    scene = Scene({"a": x, "b": 2 * x})
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 2 * 8 * 6)
+    render(scene, {"x": RAMP}, 1000)
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 2 * 8 * 6 - 1)
+    with pytest.raises(BadValue, match="limits.render_bytes"):
+        render(scene, {"x": RAMP}, 1000)
+
+
 @pytest.mark.parametrize("seconds", [1e9, 1e6 * 3600])
 def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
     with pytest.raises(BadValue, match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS="):

@@ -317,6 +317,15 @@ def state_lost(p, s, x):
     return x, ()  # here: lost
 
 
+def state_set(p, s, x):
+    s.y = x  # here: set
+    return x, s
+
+
+def dividing_in_design(self, fs):
+    return Gain(1.0 / 0), State(0.0)
+
+
 def nothing_returned(p, s, x):  # here: nothing
     x = 2.0 * x
 
@@ -372,6 +381,8 @@ def own(**members):
         ({"step": staticmethod(state_forgotten)}, "state", "must return two things, the sample and the new state State(..)"),
         ({"step": staticmethod(state_forgotten_by_name)}, "state by name", "must return two things"),
         ({"step": staticmethod(state_lost)}, "lost", "must return two things"),
+        ({"step": staticmethod(state_set)}, "set", "s.y cannot be set: parameters and state are tuples; return a new state"),
+        ({"step": staticmethod(low), "design": dividing_in_design}, None, "Mine.design: ZeroDivisionError: "),
         ({"step": staticmethod(nothing_returned)}, "nothing", "must return two things"),
         ({"step": staticmethod(misspelt)}, "gian", "Mine.step: p.gian is not there: design gives the parameters gain"),
         ({"step": staticmethod(misspelt_state)}, "z", "Mine.step: s.z is not there: design gives the state y"),

@@ -100,6 +100,8 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
         source = "rendering in memory"
         if rendering.scene.hash != scene.hash:
             raise BadValue("the rendering is of another scene")
+        if rendering.outputs != tuple(scene.outputs) or shown.shape[:1] != (len(scene.outputs),) or shown.dtype != np.float64:
+            raise BadValue(f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one float64 row for each")
     else:
         from ..devices import file
 
@@ -111,11 +113,19 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
                 f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]}, this one {scene.hash[:12]}); "
                 "give the same scene with the same numbers, or render again"
             )
-    if sidecar is not None and (sidecar["index"] or any(change["at"] for change in sidecar["log"])):
+    if sidecar is not None and sidecar["index"]:
         raise BadValue(f"{rendering} goes on from an earlier sample of its processor; verify files that begin at sample 0")
+    if sidecar is not None and (late := [change["at"] for change in sidecar["log"] if change["at"]]):
+        raise BadValue(f"{rendering} begins at sample 0, and its sidecar tells of a change at sample {late[0]}: it was edited")
     proc = compile(scene, fs, seed=seed)
+    changes: list[tuple[int, str, float, float]] = []
+    if sidecar is not None:  # of several at one sample the last holds
+        changes = [(0, c["name"], c["value"], c["ramp"]) for c in {c["name"]: c for c in sidecar["log"]}.values()]
+        params = at_first(proc, changes)
     settle(proc, params, sidecar)
     frames = shown.shape[1]
+    if not frames:
+        raise BadValue("there is no sample to verify")
     sources = sources_of(motion, proc.inputs, frames)
     x = positions(sources, 0, frames, fs)
     augmented, found = with_taps(scene, fs)
@@ -123,6 +133,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     settle(watch, params, sidecar)
     seen = watch.process(x)
     e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
+    e.changes = changes
     e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
     keep_taps(e, seen, found)
     return e
@@ -136,6 +147,11 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
         e.taps.append(Tap(block, output, gated[gate], gated, gate, *model))
     for name, y in zip(free_noises(e.scene), seen[n + 2 * len(found) :], strict=True):
         e.whites[name] = y.copy()
+
+
+def at_first(proc: Processor, changes: list[tuple[int, str, float, float]]) -> dict[str, float]:
+    """The live numbers of a new processor at its first sample: those that a change sets at once, and where ramps begin."""
+    return dict(proc.params) | {name: value for at, name, value, ramp in changes if at == 0 and ramp * proc.fs <= 1}
 
 
 def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:

@@ -36,19 +36,22 @@ def says(e: Evidence) -> list[Check]:
     channels = told["channels"]
     recovered = "recovered" in told
     signal = file.stored(e.y, told) if recovered else e.y  # of a run that was killed, the peak is of what is stored
-    wrong = {
-        "format": (told.get("format"), told.get("subtype")) != (found.format, found.subtype),
-        "channel names": [c["name"] for c in channels] != list(e.scene.outputs),
-        "units": [c["unit"] for c in channels] != [str(b.dim) for b in e.scene.outputs.values()],
-        "peaks": [c.get("peak") for c in channels] != np.abs(signal).max(axis=1, initial=0.0).tolist(),
-        "scene": _hash(told.get("scene")) != e.scene.hash,
-        "live numbers": told.get("params") != e.proc.params,
-        "names of the motion": sorted(told.get("motion", {})) != sorted(e.motion),
-        "keys": not HELD <= told.keys() <= HELD | TOLD,
-        "frames": recovered and not told["frames"] <= told["recovered"].get("frames", 0),
+    keys = {"name", "unit", "full_scale", "clips", "peak"}
+    pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
+        "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
+        "channel names": ([c["name"] for c in channels], list(e.scene.outputs)),
+        "units": ([c["unit"] for c in channels], [str(b.dim) for b in e.scene.outputs.values()]),
+        "peaks": ([c.get("peak") for c in channels], np.abs(signal).max(axis=1, initial=0.0).tolist()),
+        "scene": (_hash(told.get("scene")), e.scene.hash),
+        "live numbers": (told.get("params"), e.proc.params),
+        "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
+        "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
+        "keys of channels": ([sorted(c) for c in channels], [sorted(keys)] * len(channels)),
+        "clips": ([c["clips"] is None for c in channels], [recovered and told.get("subtype") == "PCM_24"] * len(channels)),
+        "frames": (min(told["frames"], told["recovered"]["frames"] if recovered else told["frames"]), told["frames"]),
     }
-    bad = [name for name, is_wrong in wrong.items() if is_wrong]
-    text = f"not true: {', '.join(bad)}" if bad else ", ".join(wrong)
+    bad = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    text = "; ".join(f"{name}: {says!s:.200}, and not {is_so!s:.200}" for name, (says, is_so) in bad.items()) or ", ".join(pairs)
     checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
     if not recovered:
         sha = hashlib.sha256(np.ascontiguousarray(e.y.T, "<f8").data).hexdigest()
@@ -110,9 +113,12 @@ def storage(e: Evidence) -> list[Check]:
         text = (
             f"rms of rounding to {e.sidecar['subtype']}, of the peak {scale:.3g} {b.dim}; {NOISE:g} of what is fast may be noise"
         )
+        if not _rms(error) <= max(NOISE * fast, DEEP * whole):
+            text += f"; write it with a full scale of about {1.01 * scale:.3g}"
         checks.append(Check("e", f"{name}: stored finely enough", _rms(error), max(NOISE * fast, DEEP * whole), text))
     return checks
 
 
 def _rms(y: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(y * y))) if y.size else 0.0
+    with np.errstate(over="ignore"):  # of a full scale that nobody means: it is inf then, and fails
+        return float(np.sqrt(np.mean(y * y))) if y.size else 0.0

@@ -51,7 +51,7 @@ MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 
 _COUNT = fields.whole(2**53)
 _CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}
-_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.between(0, 1e9)}
+_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.not_negative}
 BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being written
     "stimlib": fields.text,
     "format": fields.one_of(*FORMATS),
@@ -67,6 +67,7 @@ BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being
     "scene": fields.table,
     "scene_hash": fields.text,
 }
+_RECOVERED = {"recovered": fields.record({"frames": _COUNT})}
 DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
     "channels": fields.list_of(fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})),
     "sha256": fields.maybe(fields.text),
@@ -708,13 +709,13 @@ def _describe(source: Any) -> str:
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
 
 
-def _load_sidecar(path: Path, sidecar: Path, tests: Mapping[str, fields.Test] = DONE) -> dict[str, Any]:
+def _load_sidecar(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dict[str, Any]:
     """What a sidecar says, checked."""
     if not os.path.lexists(sidecar):
         raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known{_hint(path)}")
     try:
         info = fields.parse(regular.read(sidecar, "sidecar_bytes"))
-        fields.require(info, tests)
+        fields.require(info, tests | _RECOVERED if "recovered" in info else tests)
         if info["subtype"] not in FORMATS[info["format"]] or not info["channels"] or info["fs"] != int(info["fs"]):
             raise ValueError("there is no file of that format, subtype, fs and channels")
     except ValueError as e:

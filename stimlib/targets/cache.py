@@ -183,8 +183,9 @@ def _sound(place: Path, text: str) -> bool:
         if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):
             return False
         sums = json.loads(regular.read(place / SUMS, "sidecar_bytes"))
-        sources = sums.pop(f"{place.name}.py") == _sum(text.encode()) and (place / f"{place.name}.py").read_text() == text
-        return sources and bool(sums) and all(_sum((place / name).read_bytes()) == s for name, s in sums.items())
+        source = regular.read(place / f"{place.name}.py", "sidecar_bytes")
+        sources = sums.pop(f"{place.name}.py") == _sum(source) and source == text.encode()
+        return sources and bool(sums) and all(_sum(regular.read(place / name, "sidecar_bytes")) == s for name, s in sums.items())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
 

@@ -6,6 +6,7 @@ import pytest
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import delay
+from stimlib.blocks.delay import Delay, DelayState
 
 x = Input("x")
 
@@ -31,3 +32,10 @@ def test_delays_add_up():
     u = np.random.default_rng(0).standard_normal((1, 300))
     one = stimlib.compile(Scene({"y": delay(delay(x, 5), 70)}), 1000).process(u)
     np.testing.assert_array_equal(one, stimlib.compile(Scene({"y": delay(x, 75)}), 1000).process(u))
+
+
+@pytest.mark.parametrize("at", [3, 4, 2**64 - 1])
+def test_a_place_beyond_the_line_is_its_first(at):
+    line = np.array([5.0, 6.0, 7.0])
+    y, s = Delay.step(None, DelayState(line, np.uint64(at)), 1.0)
+    assert (y, line.tolist(), s.at) == (5.0, [1.0, 6.0, 7.0], 1)

@@ -1,15 +1,19 @@
 """Correct renderings that a verifier could doubt: held hands, low frequencies, rare corners; and the tails of its statistics."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from scipy import stats
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks import enabled, springpot, white_noise
+from stimlib.blocks import delay, enabled, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
 from stimlib.checks import responses, spectra
+from stimlib.devices import file
 from stimlib.devices.motion import constant_speed, minimum_jerk
+from stimlib.errors import BadValue
 from stimlib.graph import reach
 from stimlib.scenes import bumps, squeeze
 
@@ -109,3 +113,36 @@ def test_p_values_are_those_of_the_hypothesis(n):
         pair.append(spectra.correlated_p(a, b)[1])
     for p in (trend, pair):
         assert stats.binomtest(int(np.sum(np.array(p) < 1e-3)), 20000, 1e-3).pvalue > 1e-3
+
+
+@pytest.mark.parametrize(
+    "changes", [[("k", 1000.0, 0.02)], [("A", 7.0, 0.3), ("k", 500.0, 0.1), ("A", 2.0, 0.2)], [("k", 900.0, 0.0)]]
+)
+def test_files_whose_numbers_ramp_from_the_first_sample_pass(tmp_path, changes):
+    """The law follows the ramps that the sidecar tells, from where the scene begins."""
+    scene, motion = squeeze(fingers=1), {"x1": minimum_jerk()}
+    proc = stimlib.compile(scene, 8000)
+    for change in changes:
+        proc.set(*change)
+    file.write(tmp_path / "a.wav", proc, motion, 0.5, progress=False)
+    r = stimlib.verify(scene, motion, tmp_path / "a.wav")
+    assert r.passed, str(r)
+    assert any(c.name.endswith("vibration law") for c in r.checks)
+
+
+@pytest.mark.parametrize("samples", [4095, 4096, 9000])
+def test_what_answers_late_passes(samples):
+    r = report(Scene({"y": delay(Input("x"), samples)}), {"x": np.linspace(0.0, 1.0, 500)})
+    assert r.passed, str(r)
+    assert any(c.group == "a1" for c in r.checks)
+
+
+def test_what_is_not_a_rendering_of_the_scene_is_told():
+    x = Input("x")
+    scene, motion = Scene({"a": x, "b": 2 * x}), {"x": np.ones(10)}
+    r = stimlib.render(scene, motion, 8000)
+    for wrong in (dc.replace(r, outputs=("b", "a")), dc.replace(r, y=r.y.astype(np.float32)), dc.replace(r, y=r.y[:1])):
+        with pytest.raises(BadValue, match="not the scene's outputs"):
+            stimlib.verify(scene, motion, wrong)
+    with pytest.raises(BadValue, match="no sample"):
+        report(scene, {"x": np.zeros(0)})
