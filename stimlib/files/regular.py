@@ -71,7 +71,8 @@ def opened(path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[S
     info = os.fstat(fd)
     if not stat.S_ISREG(info.st_mode) or (writes and info.st_nlink > 1):
         os.close(fd)
-        raise error(f"{what}: it is not a regular file" + (" of its own" if writes else ""))
+        kind = "a directory, " if stat.S_ISDIR(info.st_mode) else ""
+        raise error(f"{what}: it is {kind}not a regular file" + (" of its own" if writes else ""))
     return fd
 
 

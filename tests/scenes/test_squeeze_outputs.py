@@ -37,5 +37,6 @@ def test_limits_hold_peak_and_static_force():
     assert held[-1] < 37.0 and np.abs(np.diff(held[FS:])).max() < 0.05  # falls without a click
 
 
-def test_a_scene_with_limits_has_no_law_of_the_whole():
-    assert squeeze().law == "squeeze" and squeeze(limits=True).law is None
+def test_a_scene_with_limits_keeps_its_law():
+    """Held in tests/checks/test_scene_laws.py."""
+    assert squeeze().law == squeeze(limits=True).law == "squeeze"
