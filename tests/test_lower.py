@@ -205,6 +205,18 @@ def test_copies_behind_gates_are_counted_before_they_are_made(levels):
     assert len(lower({"y": nested(6)}).instances) == 3 * 2**6 + 1
 
 
+def test_counting_ends_where_there_are_too_many(monkeypatch):
+    """A thousand gates within each other, each with a condition of a thousand blocks: a million to walk over."""
+    y, by = blocks.white_noise(1), blocks.white_noise(2, shared=True)
+    for _ in range(1000):
+        by = -by
+    for _ in range(1000):
+        y = blocks.enabled(-y, by=by)
+    monkeypatch.setattr(bounds.limits, "scene_blocks", 10_000)
+    with pytest.raises(SceneError, match=r"own copies: 1\d{4} is more than"):
+        lower({"y": y})
+
+
 @pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
 def test_the_count_of_copies_is_exact(entry, monkeypatch):
     """A scene passes a limit of as many blocks as it has, live numbers and constants apart, and not one fewer."""

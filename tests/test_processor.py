@@ -2,6 +2,8 @@
 
 import ctypes
 import threading
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from laws import assert_same
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
 from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
+from stimlib.graph import Block
+from stimlib.lower import lead
 
 x, z = Input("x"), Input("z")
 both = pytest.mark.parametrize("target", ["numba", "python"])
@@ -162,6 +166,17 @@ def test_the_limit_of_memory_is_the_users(monkeypatch):
 def test_a_sample_rate_needs_memory_for_its_lead():
     with pytest.raises(BadValue, match="state_bytes"):
         make({"y": x + blocks.white_noise(1)}, fs=1e13)
+
+
+@pytest.mark.parametrize(("room", "good"), [(0, True), (-1, False)])
+def test_the_memory_of_the_lead_is_counted(monkeypatch, room, good):
+    """A row of it for every input and output; 64 words for each of three blocks, and the guard's own four."""
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 8 * (2 * lead(48000) + 3 * 64 + 4) + room)
+    if good:
+        make({"y": -x}, fs=48000)
+    else:
+        with pytest.raises(BadValue, match="state_bytes"):
+            make({"y": -x}, fs=48000)
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "a", None])
@@ -396,6 +411,35 @@ def test_a_state_of_a_scene_with_other_numbers_is_refused(target, one, other):
         proc.state = make({"y": one}, target=target, fs=np.nextafter(1000, 2000)).state
     assert_same(proc.state, before)
     proc.state = make({"y": one}, target="python").state
+
+
+class Sizes(NamedTuple):
+    line: np.ndarray
+    other: np.ndarray
+
+
+def test_a_state_of_a_class_that_was_changed_is_refused():
+    """A notebook's cell was run again: same name and numbers, same number of words, and they mean something else."""
+
+    def made(first, second):
+        @dataclass(frozen=True, eq=False)
+        class Kept(Block):
+            x: Block
+
+            def design(self, fs):
+                return (), Sizes(np.zeros(first), np.zeros(second))
+
+            @staticmethod
+            def step(p, s, x):
+                return x, s
+
+        return make({"y": Kept(x)})
+
+    one, again, other = made(2, 3), made(2, 3), made(3, 2)
+    assert one.program.hash == other.program.hash and one.state.size == other.state.size
+    one.state = again.state
+    with pytest.raises(BadValue, match="another scene or sample rate"):
+        one.state = other.state
 
 
 @both

@@ -9,7 +9,7 @@ from contract import TABLE
 import stimlib
 from stimlib.blocks.modes import PinkNoise
 from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, spectra, verify
-from stimlib.checks.evidence import Check
+from stimlib.checks.evidence import Check, drive
 from stimlib.checks.report import GROUPS, Report
 from stimlib.devices import file
 from stimlib.devices.motion import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
@@ -140,6 +140,15 @@ class TestNoise:
         assert passed(noise.noise(e), e, "force1: spectrum") == good
 
 
+@pytest.mark.parametrize("n", [2000, 8000])
+def test_every_band_and_every_trend_counts_as_a_test(squeezed, n):
+    """The least p is multiplied by how often the stream was looked at."""
+    t = squeezed.taps[0]
+    s = spectra.test_spectrum(1.3 * t.stream[:n], 8000, t.model, t.f_low, t.f_high, squeezed.share)
+    bins = sum(b.bins for b in s.bands)
+    assert s.p == min(1.0, (len(s.bands) + min(4, bins // 16)) * min([s.trend_p, *(b.p for b in s.bands)])) < 1.0
+
+
 def crossing(e, name, run, fault, about):
     """The measure of a check is proportional to the size of a fault: just inside its limit and just outside."""
     c = next(c for c in run(fault(about)) if name in c.name)
@@ -170,6 +179,23 @@ class TestSqueeze:
         for size, good in ((0.9e-14, True), (1.2e-14, False)):
             assert passed(scenes.scene_law(fault(size)), squeezed, "force1: mean part") == good
 
+    def test_mean_part_while_k_is_on_a_ramp(self, monkeypatch):
+        """Each of the ramp's steps may round, by half a unit of the last place or so."""
+        e = gathered(squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)})
+        e.changes = [(100, "k", 2345.0, 0.5)]
+        e.y = drive(_again(e), e.x, e.changes)
+        assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
+        honest = laws.squeeze_finger
+        for size, good in ((0.9, True), (1.1, False)):
+
+            def finger(*a, size=size):
+                f = honest(*a)
+                top = np.abs(f.force).max() * size * (1e-14 + 4000 * 2.0**-52)
+                return f._replace(mean=f.mean + top, force=f.force + top)
+
+            monkeypatch.setattr(laws, "squeeze_finger", finger)
+            assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part") == good
+
     def test_vibration_law(self, squeezed):
         e = fresh(squeezed)
         scenes.scene_law(e)
@@ -183,6 +209,15 @@ class TestSqueeze:
         for size, good in ((INSIDE, True), (OUTSIDE, False)):
             e = shifted(squeezed, "shown", lambda e, size=size: (size * first.limit * np.sign(here) - here) * e.x[0])
             assert passed(scenes.scene_law(e), e, "force1: slope") == good
+
+    @pytest.mark.parametrize(("size", "told"), [(INSIDE, False), (OUTSIDE, True)])
+    def test_a_slope_is_fitted_where_storage_shifts_it_by_a_thousandth_at_most(self, squeezed, size, told):
+        u = squeezed.x[0] - squeezed.x[0].mean()
+        top = size * 1e-3 * 2000.0 * (u @ u) / np.abs(u).sum() * 2**23
+        e = fresh(squeezed, sidecar={"subtype": "PCM_24", "channels": [{"full_scale": top}, {"full_scale": 64.0}]})
+        found = scenes.scene_law(e)
+        assert any("force1: slope" in c.name for c in found) != told
+        assert any("force1: the position hardly changes" in text for text in e.skipped) == told
 
     def test_gate(self, squeezed):
         gate = squeezed.taps[0].gate.copy()
@@ -234,12 +269,37 @@ def test_motor_limits():
         assert passed(scenes.motor_limits(fresh(e, y=np.full((1, 800), top))), e, "peak limit") == good
     for top, good in ((37.0, True), (37.0 * (1 + 1e-6), False)):
         assert passed(scenes.motor_limits(fresh(e, y=np.full((1, 8000 * 400), top))), e, "static limit") == good
+    share = -np.expm1(-1 / (e.scene.outputs["force1"].tau * 8000))
+    for size, good in ((INSIDE, True), (OUTSIDE, False)):  # of what rounding may do to the recursion
+        once = np.zeros((1, 800))
+        once[0, 7] = np.sqrt(37.0**2 * (1 + size * 1e-12) / share)
+        assert passed(scenes.motor_limits(fresh(e, y=once)), e, "static limit") == good
+
+
+@pytest.mark.parametrize(("size", "settled"), [(INSIDE, True), (OUTSIDE, False)])
+def test_an_impulse_response_has_settled_at_1e_15_of_its_peak(size, settled):
+    """Of two million samples the last 4096 are looked at."""
+    b = stimlib.blocks.first_order(stimlib.Input("x"), size * 511 * 4096 / np.log(1e15) / 8000)
+    e = gathered(stimlib.Scene({"y": b}), {"x": np.ones(100)}, None)
+    names = [c.name for c in verify.linear_blocks(e)]
+    assert any("impulse response" in name for name in names) == settled
+    assert any("never settles" in text for text in e.skipped) != settled
 
 
 class TestStorage:
     def test_rounding(self, stored):
         wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
         crossing(stored, "stored finely", sidecar.storage, lambda s: shifted(stored, "shown", lambda e: s * wobble), 1e-2)
+
+    def test_rounding_of_what_never_moves(self, stored):
+        wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
+
+        def fault(size):
+            y = np.full((1, 8000), 10.0)
+            return fresh(stored, y=y, shown=y + 10.0 * size * wobble)
+
+        for size, good in ((INSIDE, True), (OUTSIDE, False)):
+            assert passed(sidecar.storage(fault(size * 1e-5)), stored, "stored finely") == good
 
     def test_clipping(self, stored):
         def fault(size):

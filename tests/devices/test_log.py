@@ -419,6 +419,7 @@ def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
             lambda: log.delivered(np.zeros((5, 3), np.float32)),
             lambda: log.delivered(np.zeros((5, 2))),
             lambda: log.event(9, "lost", frames=3),
+            lambda: log.event(10, "lost", frames=86400 * 8000 + 1),
             lambda: log.event(10, "lost", frames=-3),
             lambda: log.event(10, "lost"),
             lambda: log.event(-1, "stop"),

@@ -209,6 +209,7 @@ def test_an_output_that_fails_ends_the_session_with_its_name():
     assert sink.report().faults == {"bad": 4000}
     y = np.concatenate(log.frames)
     assert largest_step(y, log.events) < 0.01 and not y[-1].any(), "the good output is faded too"
+    assert sink._earliest == 4000 + FS // 50 + 1, "the session fades when the output has: two fades at once are steeper"
     assert len(y) < 2 * FS
     assert (4000, "fault", {"output": "bad"}) in log.events and log.end["faults"] == {"bad": 4000}
 
