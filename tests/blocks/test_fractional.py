@@ -541,19 +541,6 @@ def test_the_history_of_downsampled_ends_in_a_fault():
     assert proc.fault == ("f", 100)
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
-def test_a_time_since_contact_between_two_samples_is_the_one_before(target):
-    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-downsampled", horizon=0.5)}), 1000, target)
-    x = np.linspace(0, 1, 250)[None]
-    proc.process(x)
-    state = proc.state
-    (at,) = np.flatnonzero(state.view(np.float64) == 250.0)
-    rest = proc.process(x)
-    state.view(np.float64)[at] = 250.75
-    proc.state = state
-    np.testing.assert_array_equal(proc.process(x), rest)
-
-
 # 4: responses --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 0.8, 1.0])
