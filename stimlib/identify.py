@@ -347,14 +347,14 @@ def fit(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib import Input, Param
-    >>> from stimlib.blocks import spring, springpot
+    >>> from stimlib.blocks import velocity
     >>> y = Input("y", "m")
-    >>> tissue = stimlib.Scene({"force": springpot(y, Param("chi", 50.0), Param("alpha", 0.5))})
+    >>> tissue = stimlib.Scene({"force": Param("k", 50.0, "N/m") * y + Param("b", 1.0, "N s/m") * velocity(y)})
     >>> t = np.arange(300) / 1000
     >>> motion = {"y": 0.01 * np.sin(20 * t) ** 2}
-    >>> force = stimlib.render(tissue, motion, fs=1000, params={"chi": 80.0, "alpha": 0.3})["force"]
-    >>> stimlib.fit(tissue, motion, force, {"chi": 50.0, "alpha": (0.5, 0, 1)}, fs=1000)
-    Fit(chi=80, alpha=0.3; loss ..., ... steps)
+    >>> force = stimlib.render(tissue, motion, fs=1000, params={"k": 80.0, "b": 3.0})["force"]
+    >>> stimlib.fit(tissue, motion, force, {"k": 50.0, "b": (1.0, 0, 10)}, fs=1000)
+    Fit(k=80, b=3; loss ..., ... steps)
     """
     import jax
     import jax.numpy as jnp

@@ -1,6 +1,7 @@
-"""Settings of all tests: generated examples are the same on every run, and take the time they take; and what JACK needs."""
+"""Settings of all tests: examples are the same on every run, and take the time they take; `make stress` tries more; JACK."""
 
 import ctypes
+import os
 import warnings
 
 import pytest
@@ -16,10 +17,14 @@ settings.load_profile("stimlib")
 # tests of JACK are done by one worker.
 def pytest_configure(config):
     config.addinivalue_line("markers", "jack: needs a JACK server")
+    config.addinivalue_line("markers", "stress: more of what another test tries too; make stress")
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    if not os.environ.get("STIMLIB_STRESS"):
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("stress")])
+        items[:] = [item for item in items if not item.get_closest_marker("stress")]
     if not (marked := [item for item in items if item.get_closest_marker("jack")]):
         return
     from devices.servers import no_jack

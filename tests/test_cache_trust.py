@@ -194,6 +194,8 @@ def halve(path):
 DAMAGE = {
     "bits of the code": ("*.nbc", flip),
     "bits of the index": ("*.nbi", flip),
+    "half the code": ("*.nbc", halve),
+    "half the index": ("*.nbi", halve),
     "half a text": ("*.py", halve),
     "an empty text": ("*.py", lambda path: path.write_bytes(b"")),
     "no sums": (cache.SUMS, os.unlink),

@@ -87,9 +87,10 @@ def agreement(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.scenes import squeeze
-    >>> x = 0.01 * (1 - np.cos(np.arange(4000) / 400))
-    >>> a = agreement(squeeze(fingers=1), {"x1": x}, fs=8000)
+    >>> from stimlib import Input, Scene, constant
+    >>> x = Input("x", "m")
+    >>> wall = constant(2000.0, "N/m") * x * (x > constant(0.005, "m"))
+    >>> a = agreement(Scene({"force": wall}), {"x": 0.01 * np.cos(np.arange(4000) / 400)}, fs=8000)
     >>> a.worst < 1e-12, a.differences
     (True, 0)
     """

@@ -179,11 +179,10 @@ def integers(key: Any, m: Any) -> tuple[Any, Any]:
 
 def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
     """Deviates start .. start + n - 1 of a stream, where start may lie before 0."""
-    if start < 0 < start + n:
-        return jnp.concatenate([deviates(key, start, -start, dtype), deviates(key, 0, start + n, dtype)])
     odd = start % 2
     pairs = (n + odd + 1) // 2
-    m = rows(jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64), min(pairs, PAIRS))
+    m = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
+    m = rows(m & U(2**63 - 1), min(pairs, PAIRS))  # after pair -1 comes pair 0
     radius, turn = (f if dtype == jnp.float32 else traced.bind(g) for f, g in SHORT_FORMS)
     words = lax.map(lambda m: integers(key, m), m)
     r, (c, d) = lax.map(lambda w: (radius(w[0]), turn(w[1])), words)

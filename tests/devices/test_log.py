@@ -480,7 +480,8 @@ def small(tmp_path_factory):
 PLAIN = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 ODD = st.sampled_from([10**400, -(2**63), 1e308, "../../x", "k"])
 KEYS = st.sampled_from(["at", "to", "x", "full_scale"])
-JUNK = st.recursive(PLAIN | ODD, lambda v: st.lists(v, max_size=3) | st.dictionaries(KEYS, v, max_size=3), max_leaves=5)
+FLAT = PLAIN | ODD | st.lists(PLAIN | ODD, max_size=3)
+JUNK = FLAT | st.dictionaries(KEYS, FLAT, max_size=3)
 FILES = ["session.json", "events.jsonl", "motion.f64", "report.json"]
 
 
