@@ -338,7 +338,7 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
     ("words", "says"),
     [
         (["replay", "none.stimlog"], "there is no log none.stimlog"),
-        (["replay", "LOG", "--out", "a.flac"], "FLAC is written with subtype PCM_24"),
+        (["replay", "LOG", "--out", "a.flac"], "'a.flac' must end in one of .wav, .rf64, .w64, .caf"),
         (["verify", "--log", "none.stimlog"], "there is no log none.stimlog"),
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),

@@ -270,6 +270,9 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     array([[25., 50.]])
     """
     path = Path(path)
+    floats = [f".{name.lower()}" for name, subtypes in FORMATS.items() if "FLOAT" in subtypes]
+    if path.suffix.lower() not in floats:
+        raise SinkError(f"frames are floats and are written as they are: {path.name!r} must end in one of {', '.join(floats)}")
     format, subtype = _format(path, None, "FLOAT")
     fs, frames, names = info["fs"], info["frames"], [c["name"] for c in info["channels"]]
     _check_format(format, subtype, fs, len(names), frames)
