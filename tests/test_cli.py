@@ -16,7 +16,7 @@ from devices.servers import Jackd, needs_jack
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib.cli import app
+from stimlib.cli import app, scene_of
 from stimlib.devices import file
 from stimlib.devices.motion import minimum_jerk, sinusoid
 
@@ -440,6 +440,17 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
     assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9) and "repeats='spread'" in sidecar["motion"]["x"]
+
+
+def test_render_says_of_a_fault_what_the_library_says(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["render", f"{tmp_path / 'own.py'}:broken", "--motion", "minimum_jerk()", "--out", str(tmp_path / "a.wav")]
+    done = run.invoke(app, words)
+    with pytest.warns(RuntimeWarning) as told:
+        stimlib.render(scene_of(words[1]), {"x": minimum_jerk()}, 8000, 0.1)
+    begin, _, remedy = str(told[0].message).partition("from there on it is not the scene's but a fade to 0")
+    assert done.exit_code == 2 and remedy.startswith("; look for")
+    assert done.stderr.replace("\n", "") == f"error: {begin}{tmp_path / 'a.wav'} was not written{remedy}"
 
 
 def test_play_says_that_an_output_failed(tmp_path):

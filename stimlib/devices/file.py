@@ -28,7 +28,7 @@ from ..bounds import limits
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
 from ..files import fields, regular
 from ..processor import Processor
-from ..rendering import check_names, frames_of, pull, sources_of, warn_beyond
+from ..rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
 Array = NDArray[np.float64]
@@ -640,10 +640,7 @@ def _run(
         for y in pull(proc, sources, frames, block):
             if proc.fault is not None:
                 name, index = proc.fault
-                index -= first
-                raise FaultError(
-                    f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {draft.path} was not written"
-                )
+                raise FaultError(fault_text(name, index - first, fs, f"{draft.path} was not written"))
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
             samples, clipped = _encode(y, scales, subtype, outputs)

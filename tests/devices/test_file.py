@@ -452,7 +452,8 @@ def test_a_fault_of_the_processor_leaves_the_old_file(old, name, block):
     path, proc, motion = old / "a.wav", broken(make), {"x": lambda t: t}
     with raises_and_leaves_as_it_was(old, FaultError) as info:
         file.write(path, proc, motion, 1.0, subtype="DOUBLE", block=block)
-    assert str(info.value) == f"output force1 is not finite at sample {at} ({at / 8000:.6g} s); {path} was not written"
+    told = f"output force1 was not finite at sample {at} ({at / 8000:.6g} s): {path} was not written; look for a division by 0, "
+    assert str(info.value) == told + "a root or logarithm below 0, or a loop of gains that grows"
     assert proc.fault == ("force1", at)
 
     index = proc.index
@@ -474,7 +475,7 @@ def test_of_two_faults_the_first_is_told(old):
     proc = stimlib.compile(Scene({"late": sqrt(0.4 - t), "early": sqrt(0.3 - t)}), 8000)
     with raises_and_leaves_as_it_was(old, FaultError) as info:
         file.write(old / "a.wav", proc, {"x": lambda t: t}, 1.0)
-    assert "output early is not finite at sample 2401" in str(info.value)
+    assert "output early was not finite at sample 2401" in str(info.value)
 
 
 @contextmanager
