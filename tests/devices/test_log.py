@@ -316,6 +316,21 @@ def test_a_tampered_byte_of_motion_is_found(session, at):
     assert "log: motion as it was written" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
 
 
+@pytest.mark.parametrize(("size", "report", "says"), [
+    (3, True, "motion.f64 has 3 bytes more than the session wrote"), (24, True, "has 24 bytes more"), (0, True, None),
+    (3, False, "the last frame of motion is cut short"), (24, False, None),
+])  # fmt: skip
+def test_motion_that_was_appended_is_found_where_the_session_ended(tmp_path, size, report, says):
+    play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], report=report)
+    with open(tmp_path / "a" / "motion.f64", "ab") as f:
+        f.write(bytes(size))
+    log = read_log(tmp_path / "a")
+    assert sum("motion" in n for n in log.notes) == (says is not None)
+    assert replay(log).matches and (says or "") in str(replay(log))
+    failed = [c.name for c in verify_log(log).checks if not c.passed]
+    assert failed == (["log: motion as it was written"] if report and size else [])
+
+
 def test_a_changed_number_or_ramp_is_found(tmp_path):
     folder = tmp_path / "a"
     play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)  # no limit hides what was changed
