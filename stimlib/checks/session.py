@@ -135,9 +135,10 @@ def _delivered(e: Evidence, log: Log) -> list[Check]:
         Check("b", "log: all samples are there", missing, 0, "samples produced, and not in the log"),
         Check("e", "log: units as the scene's", units, 0, "inputs, outputs, live numbers"),
     ]
-    said = log.report or {}
-    if all(isinstance(said.get(what), int) for what in ("delivered", "lost")):
-        lost = sum(n for _, n in log.lost)
-        apart = min(abs(said["lost"] - lost) + abs(said["delivered"] - (end - lost)), 2**63)
-        checks.append(Check("b", "log: delivered and lost as reported", apart, 0, f"{end - lost} delivered, {lost} lost"))
+    lost = sum(n for _, n in log.lost)
+    counts = {"produced": end, "delivered": end - lost, "lost": lost}
+    if said := {what: (log.report or {})[what] for what in counts if what in (log.report or {})}:
+        apart = sum(abs(v - counts[what]) if isinstance(v, int) else 1 for what, v in said.items())
+        text = ", ".join(f"{n} {what}" for what, n in counts.items())
+        checks.append(Check("b", "log: samples as reported", min(apart, 2**63), 0, text))
     return checks
