@@ -442,6 +442,19 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9) and "repeats='spread'" in sidecar["motion"]["x"]
 
 
+@pytest.mark.parametrize(("full_scale", "says"), [
+    ("1e7", "the peak uses 0.0001 % of full scale, and the file has steps of 1.2: write it with a full scale of about 10.1"),
+    ("1001", "the peak uses 1 % of full scale, and the file has steps of 0.00012: write it with a full scale of about 10.1"),
+    ("999", None), ("10.1", None),
+])  # fmt: skip
+@pytest.mark.parametrize("suffix", ["flac", "wav"])
+def test_render_says_where_full_scale_is_far_too_large(tmp_path, full_scale, says, suffix):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", "constant_speed(0.2, 0.02)", "--seconds", "0.2"]
+    done = run.invoke(app, [*words, "--out", str(tmp_path / f"a.{suffix}"), "--full-scale", full_scale])
+    assert done.exit_code == 0 and done.stderr.strip() == (f"note: {says}" if says and suffix == "flac" else "")
+
+
 def test_render_says_of_a_fault_what_the_library_says(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     words = ["render", f"{tmp_path / 'own.py'}:broken", "--motion", "minimum_jerk()", "--out", str(tmp_path / "a.wav")]
