@@ -43,6 +43,7 @@ FORMATS = {
 }
 BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
 MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
+NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 STEP = 0.25  # s of signal that is written at once, at most: what a killed run can lose
 # NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all is there
 JOURNAL = {"FLAC": "CAF"}
@@ -644,6 +645,10 @@ def _run(
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
             samples, clipped = _encode(y, scales, subtype, outputs)
+            if peak.max() > NEARLY and not (good := np.isfinite(_physical(samples, scales)).all(axis=1)).all():
+                name = outputs[int(np.argmin(good))]
+                remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
+                raise SinkError(f"output {name} is too near the largest float to be read back from {subtype}: {remedy}")
             clips += clipped
             draft.put(samples)
             advance(y.shape[1])

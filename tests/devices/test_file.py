@@ -179,6 +179,16 @@ def test_values_beyond_the_largest_float_are_refused(old, subtype, gain, scale):
     assert f"output force / full_scale is too large for {subtype}" in str(info.value) and proc.fault is None
 
 
+@pytest.mark.parametrize(("subtype", "scale"), [("FLOAT", 2.0**1000), ("DOUBLE", 1.2e308), ("DOUBLE", 3.0)])
+def test_the_largest_float_is_read_back_or_refused(old, subtype, scale):
+    x = np.array([0.0, -np.finfo(float).max, np.finfo(float).max])
+    with raises_and_leaves_as_it_was(old, SinkError) as info:
+        file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype=subtype, full_scale=scale)
+    assert f"output x_out is too near the largest float to be read back from {subtype}: use DOUBLE and a" in str(info.value)
+    file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype="DOUBLE", full_scale=2.0**1023)
+    assert file.read(old / "a.wav")[0].tolist() == [x.tolist()]
+
+
 def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
     motion = {"b": np.full(8, 2.0), "a": np.full(8, 1.0)}
     file.write(tmp_path / "a.w64", copies("a", "b"), motion, 1e-3, subtype="DOUBLE")
