@@ -297,6 +297,10 @@ def render_(
             if full_scale is None and top > 1.0:
                 text = f"samples reach {top:.4g}, and players clip at 1: to listen, give --full-scale {1.01 * top:.3g}"
                 _say("[bold yellow]note:[/]", text)
+            if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
+                share, steps = 100 * top / full_scale, full_scale / 2**23
+                text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
+                _say("[bold yellow]note:[/]", f"{text}: write it with a full scale of about {1.01 * top:.3g}")
         if picture is not None:
             from .checks.picture import picture as draw
 

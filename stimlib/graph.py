@@ -64,13 +64,16 @@ class Block(Refusals):
         if not abstract:
             registry[type_name(cls)] = cls
 
+    def __init__(self, *given: Any, **named: Any):
+        raise undecorated(type(self))  # @dataclass writes another
+
     def __post_init__(self):
         cls = type(self)
         if cls.abstract:
             raise TypeError(f"{cls.__name__} is abstract: it has no design of its own")
         params = cls.__dict__.get("__dataclass_params__")
         if params is None or not params.frozen or params.eq:
-            raise TypeError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False)")
+            raise undecorated(cls)
         for f in dc.fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
             value = as_block(value) if f.name in signals(cls) else design_value(f"{cls.__name__}.{f.name}", f.type, value)
@@ -183,9 +186,16 @@ def type_name(cls: type[Block]) -> str:
     return cls.__name__ if cls.__module__.split(".")[0] == "stimlib" else f"{cls.__module__}.{cls.__qualname__}"
 
 
+def undecorated(cls: type) -> SceneError:
+    """The error of a class whose fields were not made into blocks and design numbers."""
+    return SceneError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__")
+
+
 def as_block(v: Any) -> Block:
     """A block as it is; a number as a constant without unit."""
     if isinstance(v, Block):
+        if not hasattr(v, "dim"):
+            raise undecorated(type(v))
         return v
     if isinstance(v, np.ndarray) and v.ndim == 0:
         v = v[()]

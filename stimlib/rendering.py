@@ -87,6 +87,12 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
     return x
 
 
+def fault_text(name: str, at: int, fs: float, then: str) -> str:
+    """What a fault is, what became of it, and where to look."""
+    remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
+    return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
+
+
 def warn_beyond(proc: Processor, frames: int) -> None:
     """Warn where a run is longer than the horizon up to which a block keeps its tolerance."""
     for q in proc.program.instances:
@@ -189,11 +195,7 @@ class Rendering:
     def _tell(self, on_fault: str) -> None:
         if self.fault is None or on_fault == "ignore":
             return
-        name, at = self.fault
-        text = (
-            f"output {name} was not finite at sample {at} ({at / self.fs:g} s): from there on it is not the scene's but a fade "
-            "to 0; look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
-        )
+        text = fault_text(*self.fault, self.fs, "from there on it is not the scene's but a fade to 0")
         if on_fault == "raise":
             raise FaultError(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)

@@ -6,6 +6,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -253,6 +254,35 @@ def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
     sums[str(code.relative_to(place))] = cache._sum(b"not a pickle")
     (place / cache.SUMS).write_text(json.dumps(sums))
     assert finish(process(ONE, folder)) == (made[0], "")
+
+
+def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
+    name, old = f"Add_{'0a' * 10}", time.time() - 2 * 86400
+    outside = tmp_path / "outside"
+    made = {k: folder / f"{name}.{k}.tmp" for k in ("old_one1", "new_one1", "written1", "link_to1", "a_file_1", "stranger")}
+    made |= {"other": folder / "mine.tmp", "short": folder / f"{name}.abc.tmp", "entry": folder / f"Add_{'0b' * 10}"}
+    for k, place in (made | {"outside": outside}).items():
+        if k == "link_to1":
+            place.symlink_to(outside)
+        elif k == "a_file_1":
+            place.write_text("mine")
+        else:
+            (place / "__pycache__").mkdir(parents=True)
+            (place / "__pycache__" / "a.nbi").write_text("cut")
+    (made["old_one1"] / "link").symlink_to(outside)
+    if not os.geteuid():
+        os.chown(made["stranger"], 65534, 65534)
+    else:
+        shutil.rmtree(made.pop("stranger"))
+    for k, place in made.items():
+        for path in (place, *place.rglob("*")):
+            if k != "new_one1" and (k, path.name) != ("written1", "a.nbi"):
+                os.utime(path, (old, old), follow_symlinks=False)
+    (part := folder / "part").mkdir()
+    (part / "a.nbc").write_text("code")
+    cache._publish(part, folder / f"Mul_{'0c' * 10}")
+    assert [k for k, place in made.items() if not os.path.lexists(place)] == ["old_one1"]
+    assert (outside / "__pycache__" / "a.nbi").exists() and (folder / f"Mul_{'0c' * 10}" / "a.nbc").exists()
 
 
 # At once -------------------------------------------------------------------------------------------------------------

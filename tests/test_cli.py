@@ -16,7 +16,7 @@ from devices.servers import Jackd, needs_jack
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib.cli import app
+from stimlib.cli import app, scene_of
 from stimlib.devices import file
 from stimlib.devices.motion import minimum_jerk, sinusoid
 
@@ -338,7 +338,7 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
     ("words", "says"),
     [
         (["replay", "none.stimlog"], "there is no log none.stimlog"),
-        (["replay", "LOG", "--out", "a.flac"], "FLAC is written with subtype PCM_24"),
+        (["replay", "LOG", "--out", "a.flac"], "'a.flac' must end in one of .wav, .rf64, .w64, .caf"),
         (["verify", "--log", "none.stimlog"], "there is no log none.stimlog"),
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
@@ -440,6 +440,30 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
     assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9) and "repeats='spread'" in sidecar["motion"]["x"]
+
+
+@pytest.mark.parametrize(("full_scale", "says"), [
+    ("1e7", "the peak uses 0.0001 % of full scale, and the file has steps of 1.2: write it with a full scale of about 10.1"),
+    ("1001", "the peak uses 1 % of full scale, and the file has steps of 0.00012: write it with a full scale of about 10.1"),
+    ("999", None), ("10.1", None),
+])  # fmt: skip
+@pytest.mark.parametrize("suffix", ["flac", "wav"])
+def test_render_says_where_full_scale_is_far_too_large(tmp_path, full_scale, says, suffix):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", "constant_speed(0.2, 0.02)", "--seconds", "0.2"]
+    done = run.invoke(app, [*words, "--out", str(tmp_path / f"a.{suffix}"), "--full-scale", full_scale])
+    assert done.exit_code == 0 and done.stderr.strip() == (f"note: {says}" if says and suffix == "flac" else "")
+
+
+def test_render_says_of_a_fault_what_the_library_says(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["render", f"{tmp_path / 'own.py'}:broken", "--motion", "minimum_jerk()", "--out", str(tmp_path / "a.wav")]
+    done = run.invoke(app, words)
+    with pytest.warns(RuntimeWarning) as told:
+        stimlib.render(scene_of(words[1]), {"x": minimum_jerk()}, 8000, 0.1)
+    begin, _, remedy = str(told[0].message).partition("from there on it is not the scene's but a fade to 0")
+    assert done.exit_code == 2 and remedy.startswith("; look for")
+    assert done.stderr.replace("\n", "") == f"error: {begin}{tmp_path / 'a.wav'} was not written{remedy}"
 
 
 def test_play_says_that_an_output_failed(tmp_path):

@@ -317,15 +317,28 @@ def test_final_and_abstract_classes():
     with pytest.raises(TypeError, match="abstract"):
         Half(n)
 
-    with pytest.raises(TypeError, match="frozen=True, eq=False"):
-
-        @dataclass(frozen=True)
-        class Equal(Block):
-            x: Block
-
-        Equal(n)
     for name in ("More", "Map", f"{__name__}.{Half.__qualname__}"):
         assert name not in registry
+
+
+@pytest.mark.parametrize("made", [lambda cls: cls, dataclass, dataclass(frozen=True), dataclass(eq=False)])
+def test_a_class_that_is_not_decorated_as_a_block_is(made):
+    @made
+    class Mine(Block):
+        x: Block
+
+    with pytest.raises(SceneError, match=r"^Mine: decorate it with @dataclass\(frozen=True, eq=False\), and write no __init__$"):
+        Mine(n)
+
+
+def test_a_class_with_an_init_of_its_own():
+    class Mine(Block):
+        def __init__(self, x):
+            self.x = x
+
+    for use in (lambda b: Scene({"y": b}), lambda b: b + 1, lambda b: 2 * b):
+        with pytest.raises(SceneError, match="^Mine: decorate it .*, and write no __init__$"):
+            use(Mine(n))
 
 
 def test_registered_names():

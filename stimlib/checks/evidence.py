@@ -84,6 +84,7 @@ class Evidence:
     skipped: list[str] = field(default_factory=list)
     changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
     path: Path | None = None  # of the file
+    told: Any = None  # the fault that a rendering in memory tells
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
 
     @property
@@ -135,6 +136,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
     e.changes = changes
     e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
+    e.told = rendering.fault if isinstance(rendering, Rendering) else None
     keep_taps(e, seen, found)
     return e
 

@@ -120,12 +120,17 @@ def delay(samples: int) -> Law:
 
 
 def sum_of(taps: Sequence[float] | np.ndarray) -> Law:
-    """The sum of the taps' delays, relative to the largest value it has."""
+    """The sum of the taps' delays, relative to the largest value it has.
+
+    Two computations differ in the phase of a sample's delay by the rounding of a turn, 2e-15 at most, and a sum of n taps changes
+    with that phase by n times its largest value at most (Bernstein's inequality).
+    """
 
     def law(f, fs):
         return sum(h * np.exp(-2j * np.pi * f * k / fs) for k, h in enumerate(taps))
 
-    return Law(below_nyquist, law, 1e-12, f"sum of {len(taps)} taps", size=lambda h: np.full(h.shape, np.abs(h).max()))
+    tol = max(1e-12, 2e-15 * len(taps))
+    return Law(below_nyquist, law, tol, f"sum of {len(taps)} taps", size=lambda h: np.full(h.shape, np.abs(h).max()))
 
 
 def velocity(cutoff: float) -> Law:

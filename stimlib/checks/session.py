@@ -7,7 +7,7 @@ import dataclasses as dc
 import numpy as np
 
 from ..bounds import limits
-from ..devices.log import Hashes, Log, blocks, changed_motion, delivered, motion_of, processor
+from ..devices.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
 from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
 from ..graph import Input
@@ -125,8 +125,8 @@ def _delivered(e: Evidence, log: Log) -> list[Check]:
     wrong = len(hashes.wrong) + len(log.spans) - hashes.done
     first = f", the first of frames {hashes.wrong[0][0]} to {hashes.wrong[0][1]}" if hashes.wrong else ""
     changed, rows = len(changed_motion(log)), sum(s.to <= len(log.motion) for s in log.motion_spans)
-    if log.report is not None:  # a session that ended has all of it under a hash
-        changed += sum(s.to - s.at for s in log.motion_spans) != len(log.motion)
+    if log.report is not None and isinstance(log.motion, MotionFile):  # a session that ended has all of it under a hash
+        changed += log.motion.beyond(log.motion_spans[-1].to if log.motion_spans else 0) != 0
     units = int(log.header["units"] != processor(log).units)
     checks = [
         Check("b", "log: delivered = replay", wrong, 0, f"hashes that differ, of {len(log.spans)}{first}"),
@@ -135,9 +135,10 @@ def _delivered(e: Evidence, log: Log) -> list[Check]:
         Check("b", "log: all samples are there", missing, 0, "samples produced, and not in the log"),
         Check("e", "log: units as the scene's", units, 0, "inputs, outputs, live numbers"),
     ]
-    said = log.report or {}
-    if all(isinstance(said.get(what), int) for what in ("delivered", "lost")):
-        lost = sum(n for _, n in log.lost)
-        apart = min(abs(said["lost"] - lost) + abs(said["delivered"] - (end - lost)), 2**63)
-        checks.append(Check("b", "log: delivered and lost as reported", apart, 0, f"{end - lost} delivered, {lost} lost"))
+    lost = sum(n for _, n in log.lost)
+    counts = {"produced": end, "delivered": end - lost, "lost": lost}
+    if said := {what: (log.report or {})[what] for what in counts if what in (log.report or {})}:
+        apart = sum(abs(v - counts[what]) if isinstance(v, int) else 1 for what, v in said.items())
+        text = ", ".join(f"{n} {what}" for what, n in counts.items())
+        checks.append(Check("b", "log: samples as reported", min(apart, 2**63), 0, text))
     return checks

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import shown
 from ..graph import Block, Const, Input, pack, signals
 from ..processor import compile
 from ..rendering import Rendering
@@ -170,7 +171,9 @@ def limits_kept(e: Evidence) -> list[Check]:
     checks = motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
     fault = e.proc.fault
     said = "guards that closed" if fault is None else f"{fault[0]} at sample {fault[1]}"
-    checks.append(Check("e", "no fault", int(fault is not None), 0, said))
+    if apart := e.sidecar is None and not e.session and e.told != fault:
+        said += f"; the rendering tells {'of none' if e.told is None else shown(e.told)}"
+    checks.append(Check("e", "no fault", int(fault is not None or apart), 0, said))
     if e.sidecar is not None:
         counts = [c["clips"] for c in e.sidecar["channels"]]
         if any(count is None for count in counts):

@@ -28,7 +28,7 @@ from ..bounds import limits
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
 from ..files import fields, regular
 from ..processor import Processor
-from ..rendering import check_names, frames_of, pull, sources_of, warn_beyond
+from ..rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
 Array = NDArray[np.float64]
@@ -43,6 +43,7 @@ FORMATS = {
 }
 BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
 MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
+NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 STEP = 0.25  # s of signal that is written at once, at most: what a killed run can lose
 # NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all is there
 JOURNAL = {"FLAC": "CAF"}
@@ -270,6 +271,9 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     array([[25., 50.]])
     """
     path = Path(path)
+    floats = [f".{name.lower()}" for name, subtypes in FORMATS.items() if "FLOAT" in subtypes]
+    if path.suffix.lower() not in floats:
+        raise SinkError(f"frames are floats and are written as they are: {path.name!r} must end in one of {', '.join(floats)}")
     format, subtype = _format(path, None, "FLOAT")
     fs, frames, names = info["fs"], info["frames"], [c["name"] for c in info["channels"]]
     _check_format(format, subtype, fs, len(names), frames)
@@ -637,13 +641,14 @@ def _run(
         for y in pull(proc, sources, frames, block):
             if proc.fault is not None:
                 name, index = proc.fault
-                index -= first
-                raise FaultError(
-                    f"output {name} is not finite at sample {index} ({index / fs:.6g} s); {draft.path} was not written"
-                )
+                raise FaultError(fault_text(name, index - first, fs, f"{draft.path} was not written"))
             digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
             peak = np.maximum(peak, np.abs(y).max(axis=1))
             samples, clipped = _encode(y, scales, subtype, outputs)
+            if peak.max() > NEARLY and not (good := np.isfinite(_physical(samples, scales)).all(axis=1)).all():
+                name = outputs[int(np.argmin(good))]
+                remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
+                raise SinkError(f"output {name} is too near the largest float to be read back from {subtype}: {remedy}")
             clips += clipped
             draft.put(samples)
             advance(y.shape[1])

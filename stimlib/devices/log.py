@@ -392,6 +392,10 @@ class MotionFile:
     def __len__(self) -> int:
         return self.shape[0]
 
+    def beyond(self, row: int) -> int:
+        """Bytes from a row on; negative where rows are missing."""
+        return 8 * self.shape[1] * (len(self) - row) + self.rest
+
     @property
     def T(self) -> NDArray[np.float64]:
         """All of it, shape (n_inputs, n)."""
@@ -516,8 +520,6 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     notes: list[str] = []
     events = _events(folder / "events.jsonl", head, notes)
     motion = MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
-    if isinstance(motion, MotionFile) and motion.rest:
-        notes.append("the last frame of motion is cut short")
     report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
     if report is None:
         notes.append("no report: the session was killed, or its log could not be ended")
@@ -545,7 +547,12 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     produced = int(report["produced"]) if report is not None and _COUNT(report.get("produced")) else end
     if produced != end:
         notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
-    if head.inputs:
+    if isinstance(motion, MotionFile):
+        more = motion.beyond(seen[-1].to if seen else 0)
+        if report is not None and more > 0:  # a session that ended has all of it under a hash
+            notes.append(f"motion.f64 has {more} bytes more than the session wrote")
+        elif motion.rest:
+            notes.append("the last frame of motion is cut short")
         if len(motion) < frames:
             notes.append(f"motion ends at sample {len(motion)}, hashes and losses at {frames}")
         frames = min(frames, len(motion))

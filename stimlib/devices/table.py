@@ -167,23 +167,23 @@ class _Form:
     names: tuple[str, ...]
     separator: str
     decimal: str
+    row: int  # line of the names
 
 
 def _read_csv(file: str, digest: str, data: bytes) -> Table:
     _check_text(file, data)
     start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
-    first = data[start : start + LONGEST].splitlines()[:1]
-    european = bool(first) and b";" in first[0] and b"," not in first[0]
-    separator, decimal = (";", ",") if european else (",", ".")
     most = 1 + sum(_ends(data[at : at + PIECE]) for at in range(0, len(data), PIECE))
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
-    names, lines = _header(file, data, start, separator)
-    form = _Form(file, names, separator, decimal)
+    start, first, separator = _leading(file, data, start)
+    decimal = "," if separator == ";" else "."
+    names, last = _header(file, data, start, first, separator)
+    form = _Form(file, names, separator, decimal, first)
     after = data.find(b"\n", start) + 1
-    plain = lines == 1 and after and b"\r" not in data[start:after].rstrip(b"\r\n")
+    plain = last == first and after and b"\r" not in data[start:after].rstrip(b"\r\n")
 
     def batches() -> Iterator[Batch]:
-        at, row = (after, 2) if plain else (start, 1)
+        at, row = (after, first + 1) if plain else (start, first)
         if plain:
             while at < len(data):
                 end = data.rfind(b"\n", at, at + PIECE) + 1
@@ -244,20 +244,44 @@ def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
         row += 1
 
 
-def _header(file: str, data: bytes, start: int, separator: str) -> tuple[tuple[str, ...], int]:
-    """The names, and how many lines they take."""
+def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
+    """Where the names begin, after a hint of Excel's and comments: byte and number of the line; and what separates columns."""
+    hint, row, above = "", 1, ""
+    with io.BytesIO(data) as raw:
+        raw.seek(at)
+        for line in _lines(file, raw, row):
+            separator = hint or _separator(above)
+            number_follows = number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
+            if above and number_follows and line.count(separator) == above.count(separator):
+                return at - len(above.encode()), row - 1, separator  # no comment: the first name begins with #
+            if row == 1 and (told := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
+                hint = told[1]
+            elif line.startswith("#"):
+                above = line
+            else:
+                return at, row, hint or _separator(line)
+            at, row = at + len(line.encode()), row + 1
+    return at, row, ","
+
+
+def _separator(line: str) -> str:
+    return ";" if ";" in line and "," not in line else ","
+
+
+def _header(file: str, data: bytes, start: int, first: int, separator: str) -> tuple[tuple[str, ...], int]:
+    """The names, and the number of the last line they take."""
     blank = 0
-    for fields, row in _records(file, data, start, 1, separator):
+    for fields, row in _records(file, data, start, first, separator):
         if _is_blank(fields):
             blank = blank or row
             continue
         if blank:
-            raise table_error(file, "the line is blank", "put the names of the columns into the first line", blank)
+            raise table_error(file, "the line is blank", "put the names of the columns there", blank)
         limits.check("recording_columns", len(fields), f"{file}: columns", RecordingError)
         names = [f.strip() for f in fields]
         if twice := [name for i, name in enumerate(names) if name in names[:i]]:
             problem = f"{names.count(twice[0])} columns have this name"
-            raise table_error(file, problem, "rename all but one", 1, twice[0] or "''")
+            raise table_error(file, problem, "rename all but one", first, twice[0] or "''")
         return tuple(names), row
     raise table_error(file, "the file is empty", EMPTY)
 
@@ -307,7 +331,7 @@ def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
     cells: list[list[str]] = []
     rows: list[int] = []
     blank = 0  # the first blank line since the last row; at the end they do no harm
-    skip = row == 1
+    skip = row == form.row
     for fields, line in _records(form.file, data, at, row, form.separator):
         if _is_blank(fields):
             blank = blank or line

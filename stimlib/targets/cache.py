@@ -14,11 +14,13 @@ import hashlib
 import inspect
 import json
 import os
+import re
 import shutil
 import stat
 import sys
 import tempfile
 import threading
+import time
 import types
 import warnings
 from contextlib import suppress
@@ -37,6 +39,7 @@ from ..files import regular
 from . import native
 
 SUMS = "sha256.json"
+LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
 _lock = threading.RLock()
 _loaded: dict[str, types.ModuleType] = {}  # complete ones only
 _folder: Path | None = None
@@ -174,6 +177,18 @@ def _publish(part: Path, place: Path) -> None:
             if e.errno not in (errno.EEXIST, errno.ENOTEMPTY):
                 raise
         regular.settle(place.parent)
+        _sweep(place.parent)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what processes that were killed left: folders of ours where nobody has written for a day."""
+    for part in folder.glob("*.tmp"):
+        with suppress(OSError):  # another process was faster
+            info = os.lstat(part)
+            ours = stat.S_ISDIR(info.st_mode) and info.st_uid == getattr(os, "geteuid", lambda: 0)()
+            if ours and LEFT.fullmatch(part.name):
+                if max(os.lstat(p).st_mtime for p in (part, *part.rglob("*"))) < time.time() - 86400:
+                    shutil.rmtree(part, ignore_errors=True)  # it follows no link
 
 
 def _sound(place: Path, text: str) -> bool:

@@ -1,6 +1,7 @@
 """The limit of every check: a fault just inside passes, one just outside does not, and `Report.passed` says so."""
 
 import dataclasses as dc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -88,8 +89,20 @@ def test_tolerances_are_those_that_blocks_promise():
         (stimlib.blocks.first_order(stimlib.Input("x"), 0.01), [3e-5, 1e-7]),
         (stimlib.blocks.track(stimlib.Input("x")), [1e-6]),
         (stimlib.blocks.fir(stimlib.Input("x"), [1.0]), [1e-12]),
+        (stimlib.blocks.fir(stimlib.Input("x"), np.ones(500)), [1e-12]),
+        (stimlib.blocks.fir(stimlib.Input("x"), np.ones(5000)), [1e-11]),
     ):
         assert [law.tol for law in responses.RESPONSES[type(b)](b, fs)] == pytest.approx(tols, rel=1e-9)
+
+
+@pytest.mark.parametrize("taps", [np.random.default_rng(5).normal(size=5000), np.r_[np.zeros(4999), 1.0]], ids=["random", "last"])
+@pytest.mark.parametrize("fs", [8000.0, 44100.0, 7919.3])
+def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
+    law = responses.sum_of(taps)
+    b = stimlib.blocks.fir(stimlib.Input("x"), taps)
+    transfer = partial(verify._response, type(b).transfer, b.design(fs)[0], fs)
+    assert law.tol / 100 < law.error(transfer, fs) < law.tol / 2
+    assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
 
 
 @pytest.mark.parametrize("which", ["shown", "y"])

@@ -1,5 +1,6 @@
 """The verifier on renderings, on files and on recorded hands."""
 
+import dataclasses as dc
 import re
 
 import numpy as np
@@ -135,6 +136,22 @@ def test_a_held_position_that_toggles_is_silent_and_five_mm_per_second_sounds():
     slow = quantised(ramp_and_hold(0.01, 2.0), 1e-6)
     y = stimlib.render(scene, {"x1": slow}, 8000, 1.0)
     assert np.abs(y["force1"] - 2000 * slow(y.t)).max() > 1e-4
+
+
+def test_the_fault_that_a_rendering_tells_is_held():
+    scene, whole, broken = Scene({"y": 1 / Input("x")}), {"x": np.ones(900)}, {"x": np.r_[np.ones(800), np.zeros(100)]}
+    told = [None, ("y", 800), ("y", 801), ("z", 800), "y\x1b[2J"]
+    for motion, fault, said in (
+        (whole, None, "guards that closed; the rendering tells "),
+        (broken, ("y", 800), "y at sample 800; the rendering tells "),
+    ):
+        made = stimlib.render(scene, motion, 8000, on_fault="ignore")
+        assert made.fault == fault
+        for t in told:
+            report = stimlib.verify(scene, motion, dc.replace(made, fault=t))
+            (check,) = [c for c in report.checks if c.name == "no fault"]
+            assert check.text.startswith(said) == (t != fault) and "\x1b" not in check.text
+            assert check.passed == report.passed == (fault is t is None)
 
 
 def test_nan_is_not_within_any_limit():

@@ -179,6 +179,16 @@ def test_values_beyond_the_largest_float_are_refused(old, subtype, gain, scale):
     assert f"output force / full_scale is too large for {subtype}" in str(info.value) and proc.fault is None
 
 
+@pytest.mark.parametrize(("subtype", "scale"), [("FLOAT", 2.0**1000), ("DOUBLE", 1.2e308), ("DOUBLE", 3.0)])
+def test_the_largest_float_is_read_back_or_refused(old, subtype, scale):
+    x = np.array([0.0, -np.finfo(float).max, np.finfo(float).max])
+    with raises_and_leaves_as_it_was(old, SinkError) as info:
+        file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype=subtype, full_scale=scale)
+    assert f"output x_out is too near the largest float to be read back from {subtype}: use DOUBLE and a" in str(info.value)
+    file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype="DOUBLE", full_scale=2.0**1023)
+    assert file.read(old / "a.wav")[0].tolist() == [x.tolist()]
+
+
 def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
     motion = {"b": np.full(8, 2.0), "a": np.full(8, 1.0)}
     file.write(tmp_path / "a.w64", copies("a", "b"), motion, 1e-3, subtype="DOUBLE")
@@ -452,7 +462,8 @@ def test_a_fault_of_the_processor_leaves_the_old_file(old, name, block):
     path, proc, motion = old / "a.wav", broken(make), {"x": lambda t: t}
     with raises_and_leaves_as_it_was(old, FaultError) as info:
         file.write(path, proc, motion, 1.0, subtype="DOUBLE", block=block)
-    assert str(info.value) == f"output force1 is not finite at sample {at} ({at / 8000:.6g} s); {path} was not written"
+    told = f"output force1 was not finite at sample {at} ({at / 8000:.6g} s): {path} was not written; look for a division by 0, "
+    assert str(info.value) == told + "a root or logarithm below 0, or a loop of gains that grows"
     assert proc.fault == ("force1", at)
 
     index = proc.index
@@ -474,7 +485,7 @@ def test_of_two_faults_the_first_is_told(old):
     proc = stimlib.compile(Scene({"late": sqrt(0.4 - t), "early": sqrt(0.3 - t)}), 8000)
     with raises_and_leaves_as_it_was(old, FaultError) as info:
         file.write(old / "a.wav", proc, {"x": lambda t: t}, 1.0)
-    assert "output early is not finite at sample 2401" in str(info.value)
+    assert "output early was not finite at sample 2401" in str(info.value)
 
 
 @contextmanager

@@ -212,7 +212,7 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     report = verify_log(read_log(tmp_path / "a"), squeeze())
     assert report.passed, str(report)
     names = {c.name for c in report.checks}
-    assert {"log: delivered = replay", "log: replay = these samples made safe", "log: delivered and lost as reported"} <= names
+    assert {"log: delivered = replay", "log: replay = these samples made safe", "log: samples as reported"} <= names
     assert {"force1: mean part is k x", "force2: vibration law", "force1: gate timing"} <= names
     skipped = "\n".join(report.evidence.skipped)
     assert "k was changed, so the force over position has no one slope" in skipped
@@ -316,6 +316,21 @@ def test_a_tampered_byte_of_motion_is_found(session, at):
     assert "log: motion as it was written" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
 
 
+@pytest.mark.parametrize(("size", "report", "says"), [
+    (3, True, "motion.f64 has 3 bytes more than the session wrote"), (24, True, "has 24 bytes more"), (0, True, None),
+    (3, False, "the last frame of motion is cut short"), (24, False, None),
+])  # fmt: skip
+def test_motion_that_was_appended_is_found_where_the_session_ended(tmp_path, size, report, says):
+    play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], report=report)
+    with open(tmp_path / "a" / "motion.f64", "ab") as f:
+        f.write(bytes(size))
+    log = read_log(tmp_path / "a")
+    assert sum("motion" in n for n in log.notes) == (says is not None)
+    assert replay(log).matches and (says or "") in str(replay(log))
+    failed = [c.name for c in verify_log(log).checks if not c.passed]
+    assert failed == (["log: motion as it was written"] if report and size else [])
+
+
 def test_a_changed_number_or_ramp_is_found(tmp_path):
     folder = tmp_path / "a"
     play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)  # no limit hides what was changed
@@ -356,6 +371,15 @@ def test_other_changes_are_found(session):
     (folder / "session.json").write_text(json.dumps(head))
     with pytest.raises(SinkError, match="scene_hash is not that of the scene"):
         read_log(folder)
+
+
+@pytest.mark.parametrize("what", ["produced", "delivered", "lost"])
+@pytest.mark.parametrize("value", [-1, 0, 7999, 2**70, 1.5, "8000", None])
+def test_an_edited_count_of_the_report_is_found(session, what, value):
+    folder, _ = session
+    said = json.loads((folder / "report.json").read_text())
+    (folder / "report.json").write_text(json.dumps(said | {what: value}))
+    assert "log: samples as reported" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
 
 
 def test_motion_that_is_too_short_is_told(session):

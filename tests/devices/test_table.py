@@ -96,6 +96,38 @@ def test_decimal_commas_of_a_spreadsheet(path):
         recording(path, {"x": "x"})
 
 
+@pytest.mark.parametrize("quote", ["", '"'])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("above", [["sep=;"], ["# by hand, on Monday", "#"], ['\ufeff"SEP=;"', "# a;b", '#"'], ["#1;2;3"]])
+def test_a_hint_of_excel_and_comments_stand_above_the_names(path, above, end, quote):
+    lines = [*above, "t_s;x", "0,00;1", f"{quote}0,01{quote};2"]
+    path.write_bytes(end.join(lines).encode())
+    assert recording(path, {"x": "x*1e-3"}).motion["x"]([0.0, 0.01]).tolist() == [0.001, 0.002]
+    path.write_bytes(end.join([*lines, "0,02;c"]).encode())
+    with pytest.raises(RecordingError, match=f"row {len(lines) + 1}, column x: 'c' is not a number"):
+        recording(path, {"x": "x"})
+
+
+def test_what_a_hint_says_goes_before_what_the_names_look_like(path):
+    for mark in ",;|\t":
+        other = ";" if mark == "," else ","
+        path.write_text(f"sep={mark}\nt_s{mark}x{other}y\n0{mark}1\n1{mark}2\n")
+        assert read_table(path).names == ("t_s", f"x{other}y") and rows_of(path, ["t_s"])[2].tolist() == [[0.0, 1.0]]
+
+
+@pytest.mark.parametrize(("names", "row"), [("#,t_s,x", "1,0,0"), ("# t_s,x", "0,0"), ("#;x", "1;0,5"), ('#,"x"', '"0",0')])
+def test_names_may_begin_with_a_number_sign(path, names, row):
+    path.write_text(f"# by hand\n{names}\n{row}\n")
+    assert read_table(path).names == tuple(names.replace('"', "").replace(";", ",").split(","))
+
+
+@pytest.mark.parametrize("text", ["sep=;\n", "# a\n", "sep=,\r\n#\r\n# t_s,x"])
+def test_nothing_but_hint_and_comments(path, text):
+    path.write_text(text)
+    with pytest.raises(RecordingError, match="the file is empty; give a file with a line of column names"):
+        read_table(path)
+
+
 # -- limits
 
 

@@ -38,6 +38,7 @@ CSV = """t_s,x_m,contact,kind
 0.51,0.007,1,a
 """
 EUROPE = "t_s;x_m;kind\r\n0,00;0,001;a\r\n0,01;0,002;a\r\n0,02;0,004;b\r\n"
+ABOVE = "sep=;\r\n# by hand\r\n" + EUROPE
 TABLE = "# measured\nposition,displacement\n0,1e-4\n0.02,1.2e-4\n0.05,1.4e-4\n0.07,1.2e-4\n"
 OPTIONS = (
     {},
@@ -179,7 +180,7 @@ def _logged(part: str) -> Reader:
 
 
 READERS: dict[str, Reader] = {
-    "csv": Reader(lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode()], _recording(".csv")),
+    "csv": Reader(lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()], _recording(".csv")),
     "npz": Reader(_npz, _recording(".npz")),
     "table": Reader(lambda: [TABLE.encode()], _table),
     "scene": Reader(_scenes, _scene),
