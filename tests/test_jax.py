@@ -68,9 +68,8 @@ def smooth(e):
 
 
 # of each class one, and what lives on live numbers or contact
-ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e)}.values() | {
-    n for n in TABLE if re.search("live|contact", n)
-}
+ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e)}.values()
+ONES = {*ONES, *(name for name in TABLE if re.search("live|contact", name))}
 
 
 @pytest.mark.filterwarnings("ignore:.*longer than horizon")

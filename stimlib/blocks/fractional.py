@@ -465,7 +465,7 @@ class Downsampled(Block):
     @staticmethod
     def tile(p, s, x, contact, y):
         most = float_of(s.past.size)
-        k = where(s.k > 0.0, floor(where(s.k < most, s.k, most)), 0.0)  # a state may come from anywhere
+        k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
         first, cold = s.first, s.cold
         for i in range(x.size):
             if contact[i] > 0.0:
