@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
-from stimlib.maths import flush, fma
+from stimlib.core.maths import flush, fma
 
 # [block]
 LARGEST = 0.45  # of fs

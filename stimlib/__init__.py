@@ -12,25 +12,27 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "Block": "graph", "Input": "graph", "Param": "graph", "constant": "graph", "enabled": "graph",
-    "Scene": "scene", "load": "scene",
+    "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
+    "Scene": "core.scene", "load": "core.scene",
     "compile": "processor", "Processor": "processor",
     "verify": "checks.verify",
     "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
     "fit": "identify",
     "render": "rendering", "Rendering": "rendering", "stream": "rendering",
-    "limits": "bounds",
+    "limits": "core.bounds",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
 }  # fmt: skip
-_ROOMS = ("blocks", "scenes", "devices", "checks", "maths", "units", "graph")
+_ROOMS = ("core", "blocks", "scenes", "devices", "checks")
 
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import blocks, checks, devices, graph, maths, scenes, units
-    from .bounds import limits
+    from . import blocks, checks, core, devices, scenes
     from .checks.verify import verify
+    from .core.bounds import limits
+    from .core.graph import Block, Input, Param, constant, enabled
+    from .core.scene import Scene, load
     from .errors import (
         BadValue,
         FaultError,
@@ -43,11 +45,9 @@ if TYPE_CHECKING:
         UnknownName,
     )
     from .fitting import fit_generalized_maxwell, fit_springpot
-    from .graph import Block, Input, Param, constant, enabled
     from .identify import fit
     from .processor import Processor, compile
     from .rendering import Rendering, render, stream
-    from .scene import Scene, load
 
 
 def __getattr__(name: str) -> Any:

@@ -19,9 +19,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from .core import regular
+from .core.scene import Scene, load
 from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName, shown
-from .files import regular
-from .scene import Scene, load
 
 app = typer.Typer(
     help="Haptic stimuli composed from small pure blocks: render, play, look at and list them.",

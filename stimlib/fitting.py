@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from .core.graph import Block
 from .errors import BadValue, SinkError
-from .graph import Block
 
 ONSETS = ("rest", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory

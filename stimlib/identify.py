@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .core.scene import Scene
 from .errors import BadValue, UnknownName
 from .fitting import _intervals
 from .processor import compile
 from .rendering import frames_of, positions, sources_of
-from .scene import Scene
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
+from .core.graph import kind, pack
+from .core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
 from .errors import BadValue, SceneError, UnknownName
-from .graph import kind, pack
-from .lower import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
 
 if TYPE_CHECKING:
     from .targets.jax import Function
@@ -333,7 +333,7 @@ class Processor:
     @property
     def latency(self) -> dict[tuple[str, str], tuple[float, float]]:
         """(min, max) latency in samples over all paths, by (output, input); noise sources count as inputs."""
-        from .response import latency
+        from .core.response import latency
 
         return latency(self.program, self.design)
 
@@ -365,7 +365,7 @@ class Processor:
         >>> proc.response("y", "x", np.array([10.0]))
         array([2.+0.j])
         """
-        from .response import response
+        from .core.response import response
 
         return response(self, output, input, np.asarray(f, float))
 

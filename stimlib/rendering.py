@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .bounds import limits
+from .core.bounds import limits
+from .core.graph import NUMBERS
+from .core.scene import Scene
 from .errors import BadValue, FaultError, UnknownName
-from .graph import NUMBERS
 from .processor import Processor
-from .scene import Scene
 
 Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]

@@ -34,7 +34,7 @@ from stimlib.blocks.relaxation import (
 from stimlib.blocks.tracking import track, track_velocity
 from stimlib.checks import responses as law
 from stimlib.checks.responses import Law
-from stimlib.graph import Block, Guard, registry
+from stimlib.core.graph import Block, Guard, registry
 
 
 # What drives an input ------------------------------------------------------------------------------------------------

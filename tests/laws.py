@@ -7,7 +7,7 @@ import dataclasses as dc
 import numpy as np
 
 import stimlib
-from stimlib.graph import kind
+from stimlib.core.graph import kind
 
 
 def bits(a):

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 import stimlib
-from stimlib.bounds import Limits
+from stimlib.core import fields, regular
+from stimlib.core.bounds import Limits
 from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, shown
-from stimlib.files import fields, regular
 
 
 def test_a_limit_says_its_name_and_what_is_enough():

@@ -132,8 +132,8 @@ def test_a_full_folder_is_a_warning(small, wanted, tmp_path, size):
 MODULE = """
 from dataclasses import dataclass
 from typing import NamedTuple
-from stimlib.graph import Block
-from stimlib.maths import fma, where
+from stimlib.core.graph import Block
+from stimlib.core.maths import fma, where
 {top}
 
 FACTOR = {factor}

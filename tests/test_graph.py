@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.core.graph import Block, Const, Mul, reach, registry
+from stimlib.core.units import ONE, unit
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
-from stimlib.graph import Block, Const, Mul, reach, registry
-from stimlib.units import ONE, unit
 
 x, v, n = Input("x", "m"), Input("v", "m/s"), Input("n")
 

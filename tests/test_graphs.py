@@ -14,9 +14,9 @@ from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
+from stimlib.core.graph import Block, Enabled, Guard, reach
+from stimlib.core.program import lower
 from stimlib.errors import SceneError
-from stimlib.graph import Block, Enabled, Guard, reach
-from stimlib.lower import lower
 
 LENGTH = 130
 S = constant(0.125, "s")

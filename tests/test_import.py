@@ -19,7 +19,9 @@ def test_import_loads_nothing_heavy():
     assert loaded("import stimlib") == set()
 
 
-@pytest.mark.parametrize("module", ["stimlib.blocks", "stimlib.graph", "stimlib.scene", "stimlib.processor", "stimlib.maths"])
+@pytest.mark.parametrize(
+    "module", ["stimlib.blocks", "stimlib.core.graph", "stimlib.core.scene", "stimlib.processor", "stimlib.core.maths"]
+)
 def test_definitions_load_no_target(module):
     assert loaded(f"import {module}") == set()
 

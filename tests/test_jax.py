@@ -17,11 +17,12 @@ from test_graphs import LENGTH, motion
 from test_graphs import scenes as generated
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, maths, scenes
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, scenes
 from stimlib import blocks as b
 from stimlib.checks.agreement import agreement
-from stimlib.graph import registry
-from stimlib.maths import where
+from stimlib.core import maths
+from stimlib.core.graph import registry
+from stimlib.core.maths import where
 from stimlib.targets import blockforms, recurrence, traced
 from stimlib.targets import jax as jax_target
 

@@ -15,8 +15,8 @@ import stimlib
 from stimlib import Input, Param, Scene
 from stimlib import blocks as b
 from stimlib.checks import responses
+from stimlib.core.graph import Enabled
 from stimlib.errors import BadValue
-from stimlib.graph import Enabled
 
 ROWS = [pytest.param(e, fs, id=f"{e.name}-{fs:g}") for e in TABLE for fs in e.rates]
 FIRST = [pytest.param(e, e.rates[0], id=e.name) for e in TABLE]
@@ -382,7 +382,7 @@ for e in TABLE:
         assert not broken, (e.name, state, broken)
 
 from dataclasses import dataclass
-from stimlib.graph import Block
+from stimlib.core.graph import Block
 import trespass
 proc = stimlib.compile(stimlib.Scene({"y": trespass.Trespass(stimlib.Input("x"))}), 1000)
 proc.process(np.ones((1, 3)))
@@ -394,7 +394,7 @@ TRESPASS = """
 from dataclasses import dataclass
 from typing import NamedTuple
 import numpy as np
-from stimlib.graph import Block
+from stimlib.core.graph import Block
 
 class Numbers(NamedTuple):
     table: np.ndarray

@@ -10,10 +10,11 @@ from contract import TABLE
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, bounds, constant
+from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.core import bounds
+from stimlib.core.graph import Add, Block, Const, Enabled, Guard, Map, Mul, reach
+from stimlib.core.program import lead, lower
 from stimlib.errors import SceneError
-from stimlib.graph import Add, Block, Const, Enabled, Guard, Map, Mul, reach
-from stimlib.lower import lead, lower
 
 x = Input("x")
 

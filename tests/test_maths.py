@@ -1,4 +1,4 @@
-"""Each name of stimlib.maths, the definition, against what compiled code does; and the numbers against exact arithmetic."""
+"""Each name of stimlib.core.maths, the definition, against what compiled code does; and the numbers against exact arithmetic."""
 
 import math
 from fractions import Fraction
@@ -11,8 +11,9 @@ from numba import njit
 from scipy import stats
 
 import stimlib
-from stimlib import Scene, maths
+from stimlib import Scene
 from stimlib.blocks import noise, white_noise
+from stimlib.core import maths
 from stimlib.targets import native
 
 SPECIAL = [

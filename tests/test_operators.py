@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant, maths
+from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.core import maths
+from stimlib.core.graph import Block, Equal, NotEqual, reach
+from stimlib.core.units import ONE, unit
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
-from stimlib.graph import Block, Equal, NotEqual, reach
-from stimlib.units import ONE, unit
 
 x, n, m = Input("x", "m"), Input("n"), Input("m")
 U = np.array([[0.0, -0.0, 1.0, -2.5, 0.1 + 0.2, 0.3, 5e-324, np.inf, np.nan, 7.0]])

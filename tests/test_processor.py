@@ -11,9 +11,9 @@ from laws import assert_same
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.core.graph import Block
+from stimlib.core.program import lead
 from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
-from stimlib.graph import Block
-from stimlib.lower import lead
 
 x, z = Input("x"), Input("z")
 both = pytest.mark.parametrize("target", ["numba", "python"])

@@ -12,8 +12,8 @@ from laws import assert_same, rows
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, load
+from stimlib.core.graph import Block, reach, registry
 from stimlib.errors import BadValue, SceneError, SceneFileError, StimlibError
-from stimlib.graph import Block, reach, registry
 
 x = Input("x")
 
@@ -213,7 +213,7 @@ def test_loading_executes_nothing(edited, tmp_path):
     """Names of functions, modules and methods in the place of classes and fields stay text."""
     mark = tmp_path / "mark"
     code = f"__import__('pathlib').Path({str(mark)!r}).touch()"
-    for name in ("os.system", "builtins.eval", "eval", "subprocess.Popen", "stimlib.graph.Mul", "__main__.x", code):
+    for name in ("os.system", "builtins.eval", "eval", "subprocess.Popen", "stimlib.core.graph.Mul", "__main__.x", code):
         with pytest.raises(SceneFileError):
             edited(lambda d, name=name: first(d, "Velocity").update({"class": name}))
         with pytest.raises(SceneFileError):

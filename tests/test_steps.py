@@ -12,11 +12,12 @@ from contract import ours
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Scene, maths, steps
+from stimlib import Input, Scene
+from stimlib.core import maths, steps
+from stimlib.core.graph import Block
+from stimlib.core.maths import fma, sin, where
+from stimlib.core.program import design_of, program_of
 from stimlib.errors import SceneError, UnitError
-from stimlib.graph import Block
-from stimlib.lower import design_of, program_of
-from stimlib.maths import fma, sin, where
 
 x = Input("x")
 LIMIT = 4.0
@@ -132,14 +133,14 @@ def test_numpy_functions_are_refused():
     def step(p, s, x):
         return np.sin(x), s  # here: numpy
 
-    refused(step, f":{line_of('here: numpy')}", "np.sin", "stimlib.maths")
+    refused(step, f":{line_of('here: numpy')}", "np.sin", "stimlib.core.maths")
 
 
 def test_builtin_functions_are_refused():
     def step(p, s, x):
         return round(x), s
 
-    refused(step, "'round'", "stimlib.maths")
+    refused(step, "'round'", "stimlib.core.maths")
 
 
 def test_unknown_names_are_refused():
@@ -344,7 +345,7 @@ def tile_without_state(p, s, x, y):  # here: tile
 
 
 def dotted(p, s, x):
-    return stimlib.maths.sqrt(x), s  # here: dotted
+    return stimlib.core.maths.sqrt(x), s  # here: dotted
 
 
 def plain_tuples(self, fs):  # here: plain
@@ -404,12 +405,12 @@ def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says
 
 
 def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
-    refused(dotted, f":{line_of('here: dotted')}", "write `from stimlib import maths` above the class, and maths.sqrt here")
+    refused(dotted, f":{line_of('here: dotted')}", "write `from stimlib.core import maths` above the class, and maths.sqrt here")
 
 
 @pytest.mark.parametrize("returned", ["", "N", None, 1.0])
 def test_units_returns_a_unit(returned):
-    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.units.unit") as e:
+    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.core.units.unit") as e:
         own(units=lambda self, *u: returned, step=staticmethod(low))(x)
     assert __file__ in str(e.value)
     with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):

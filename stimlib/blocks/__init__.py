@@ -1,6 +1,6 @@
 """What researchers compose: one lower-case function per block."""
 
-from ..graph import constant, enabled
+from ..core.graph import constant, enabled
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .carrier import bump, carrier
 from .creep import compliance

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, Const, Map, as_block, constant, positive, same_unit
+from ..core.maths import TINY, fma, where
+from ..core.units import unit
 from ..errors import BadValue, UnitError
-from ..graph import Block, Const, Map, as_block, constant, positive, same_unit
-from ..maths import TINY, fma, where
-from ..units import unit
 from .table import lut
 
 

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, Const, Param, as_block
+from ..core.maths import as_float, floor, fma, where, words
+from ..core.program import lead
+from ..core.units import unit
 from ..errors import BadValue, UnitError
-from ..graph import Block, Const, Param, as_block
-from ..lower import lead
-from ..maths import as_float, floor, fma, where, words
-from ..units import unit
 from .impedance import _with_unit
 
 U, INT = np.uint64, np.int64

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..core.graph import Block, as_block, constant
+from ..core.response import backward
+from ..core.units import unit
 from ..errors import UnitError
-from ..graph import Block, as_block, constant
-from ..response import backward
-from ..units import unit
 from .fractional import Springpot, coefficient
 
 

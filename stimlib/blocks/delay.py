@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bounds import limits
+from ..core.bounds import limits
+from ..core.graph import Block, as_block
+from ..core.maths import where
 from ..errors import BadValue
-from ..graph import Block, as_block
-from ..maths import where
 
 NONE, ONE = np.uint64(0), np.uint64(1)
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bounds import limits
+from ..core import regular
+from ..core.bounds import limits
+from ..core.graph import Block, Const, as_block
+from ..core.maths import where
 from ..errors import BadValue
-from ..files import regular
-from ..graph import Block, Const, as_block
-from ..maths import where
 from .impedance import _with_unit
 from .maps import clip, maximum
 from .table import OUTSIDE, lut

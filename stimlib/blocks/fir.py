@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import minimax
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, positive
+from ..core.maths import copy
+from ..core.maths import fir as fir_sum
+from ..core.units import unit
 from ..errors import BadValue
-from ..graph import Block, positive
-from ..maths import copy
-from ..maths import fir as fir_sum
-from ..units import unit
 
 
 class FirParams(NamedTuple):

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import soe
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, Const, Map, as_block, positive
+from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
+from ..core.response import backward
+from ..core.units import unit
 from ..errors import BadValue, UnitError
-from ..graph import Block, Const, Map, as_block, positive
-from ..maths import copy, exp, fir, floor, fma, log, memory, sin, where
-from ..response import backward
-from ..units import unit
 from .table import Table, TableParams
 
 METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, positive
+from ..core.maths import where
 from ..errors import BadValue
-from ..graph import Block, positive
-from ..maths import where
 from .impedance import Velocity, step_peak
 
 NONE, ONE = np.uint64(0), np.uint64(1)

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, Const, as_block, constant, positive
+from ..core.maths import TINY, flush, fma, where
+from ..core.response import backward
+from ..core.units import unit
 from ..errors import BadValue
-from ..graph import Block, Const, as_block, constant, positive
-from ..maths import TINY, flush, fma, where
-from ..response import backward
-from ..units import unit
 from .fir import RATE
 
 

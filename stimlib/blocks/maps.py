@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .. import maths
-from .. import units as un
+from ..core import maths
+from ..core import units as un
+from ..core.graph import Block, Map, as_block, same_unit
 from ..errors import UnitError
-from ..graph import Block, Map, as_block, same_unit
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import minimax
-from ..graph import Block, positive
-from ..maths import modes
-from ..response import backward
+from ..core.graph import Block, positive
+from ..core.maths import modes
+from ..core.response import backward
 from .noise import White, noise_key, normals
 
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.graph import Block
+from ..core.maths import as_float, bits, copy, fma, sqrt, unbits, where, words
+from ..core.program import lead
 from ..errors import BadValue
-from ..graph import Block
-from ..lower import lead
-from ..maths import as_float, bits, copy, fma, sqrt, unbits, where, words
 
 U = np.uint64
 KEY_STEP_0, KEY_STEP_1 = U(0x9E3779B9), U(0xBB67AE85)

@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, Const, as_block, constant
+from ..core.maths import copy, fma, memory, where
+from ..core.response import backward
+from ..core.units import unit
 from ..errors import BadValue, UnitError
-from ..graph import Block, Const, as_block, constant
-from ..maths import copy, fma, memory, where
-from ..response import backward
-from ..units import unit
 from .fractional import ONSETS, Stiffness
 from .impedance import _with_unit, spring
 from .maps import Where

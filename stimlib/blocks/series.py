@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import units as un
+from ..core import units as un
+from ..core.graph import Block, as_block, positive
+from ..core.maths import fir, fma, memory, where
+from ..core.response import backward
 from ..errors import BadValue
-from ..graph import Block, as_block, positive
-from ..maths import fir, fma, memory, where
-from ..response import backward
 from .fractional import DIFFERENCES, WORK, Springpot, begin, clear, force_unit, transfer
 
 

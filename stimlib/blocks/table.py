@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.graph import Block, as_block
+from ..core.maths import fma, search, where
+from ..core.units import unit
 from ..errors import BadValue
-from ..graph import Block, as_block
-from ..maths import fma, search, where
-from ..units import unit
 
 KINDS = ("linear", "pchip", "cubic", "polynomial")
 MOST = 8  # knots of a polynomial

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..core.graph import Block, as_block, positive
+from ..core.maths import TINY, flush, fma, where
+from ..core.response import backward
 from ..errors import BadValue
-from ..graph import Block, as_block, positive
-from ..maths import TINY, flush, fma, where
-from ..response import backward
 from .fir import RATE
 
 

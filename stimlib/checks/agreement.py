@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.scene import Scene
 from ..errors import BadValue
 from ..processor import Processor, compile
 from ..rendering import Motion, positions, sources_of
-from ..scene import Scene
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core import regular
+from ..core.graph import Abs, Add, AtLeast, Const, Div, Equal, Greater, Guard, Input, Mul, Neg, NotEqual, Param, Sub, signals
+from ..core.program import PARAMS, ROOT, Instance, Program, lower
 from ..errors import BadValue
-from ..files import regular
-from ..graph import Abs, Add, AtLeast, Const, Div, Equal, Greater, Guard, Input, Mul, Neg, NotEqual, Param, Sub, signals
-from ..lower import PARAMS, ROOT, Instance, Program, lower
 
 if TYPE_CHECKING:
+    from ..core.scene import Scene
     from ..processor import Processor
-    from ..scene import Scene
 
 MOST = 200
 """Blocks that fit into a picture; above it nobody can read one."""

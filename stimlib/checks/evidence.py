@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..blocks.noise import White
+from ..core.graph import Block, Enabled, reach
+from ..core.program import ROOT, lower
+from ..core.scene import Scene
 from ..errors import BadValue
-from ..graph import Block, Enabled, reach
-from ..lower import ROOT, lower
 from ..processor import Processor, compile
 from ..rendering import Rendering, positions, sources_of
-from ..scene import Scene
 from . import laws, spectra
 from .responses import RESPONSES, SHAPES, Law
 

@@ -7,11 +7,11 @@ import dataclasses as dc
 import numpy as np
 
 from ..blocks.noise import White
+from ..core.graph import Block, Enabled, Input, Param, reach, signals
+from ..core.program import first_states, lead
+from ..core.scene import Scene
 from ..errors import SceneError
-from ..graph import Block, Enabled, Input, Param, reach, signals
-from ..lower import first_states, lead
 from ..processor import compile
-from ..scene import Scene
 from . import laws, spectra
 from .evidence import FEWEST, Check, Evidence, Tap
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core import regular
 from ..errors import SinkError
-from ..files import regular
 from ..rendering import Rendering
 
 

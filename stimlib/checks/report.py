@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core import regular
 from ..errors import shown
-from ..files import regular
 
 if TYPE_CHECKING:
     from .evidence import Check, Evidence

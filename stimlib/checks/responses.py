@@ -21,7 +21,7 @@ from ..blocks.modes import Pinking, PinkNoise
 from ..blocks.relaxation import KelvinChain, MaxwellArms
 from ..blocks.series import Series
 from ..blocks.tracking import Track, TrackVelocity
-from ..graph import Block
+from ..core.graph import Block
 
 ALIASES = np.arange(-300, 301)
 POINTS = 2001

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
+from ..core.scene import Scene
 from ..errors import SceneError
-from ..graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..processor import compile
-from ..scene import Scene
 from . import laws
 from .evidence import Check, Evidence, Tap, drive, live
 

@@ -6,12 +6,12 @@ import dataclasses as dc
 
 import numpy as np
 
-from ..bounds import limits
+from ..core.bounds import limits
+from ..core.graph import Input
+from ..core.scene import Scene
 from ..devices.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
 from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
-from ..graph import Input
-from ..scene import Scene
 from .evidence import Check, Evidence, at_first, keep_taps, with_taps
 from .noise import generator, noise
 from .report import Report

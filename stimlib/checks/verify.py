@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.graph import Block, Const, Input, pack, signals
+from ..core.scene import Scene
 from ..errors import shown
-from ..graph import Block, Const, Input, pack, signals
 from ..processor import compile
 from ..rendering import Rendering
-from ..scene import Scene
 from .evidence import Check, Evidence, change, drive, gather
 from .noise import generator, noise
 from .report import Report

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ..blocks.noise import noise_key
+from ..core import regular
+from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..files import regular
 from ..processor import compile
-from ..scene import Scene
 from . import file
 
 

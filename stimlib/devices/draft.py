@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import regular
 from ..errors import SinkError
-from ..files import regular
 
 UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
 TYPES = {"FLOAT": "float32", "DOUBLE": "float64", "PCM_24": "int32"}  # of the samples of a subtype

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..bounds import limits
+from ..core import fields, regular
+from ..core.bounds import limits
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
-from ..files import fields, regular
 from ..processor import Processor
 from ..rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile

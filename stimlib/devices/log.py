@@ -33,11 +33,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..bounds import limits
+from ..core import fields, regular
+from ..core.bounds import limits
+from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
-from ..files import fields, regular
 from ..processor import Processor
-from ..scene import Scene
 from . import file
 from .draft import Draft
 from .safety import GAIN, Safety, protect, to_device

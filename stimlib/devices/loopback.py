@@ -12,8 +12,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..scene import Scene
 from .engine import _native
 from .jack import INSTALL, JackSink, _jack
 from .log import delivered, read_log

@@ -12,7 +12,7 @@ from math import prod
 
 import numpy as np
 
-from ..bounds import limits
+from ..core.bounds import limits
 from ..errors import RecordingError
 from .table import Array, Batch, Rows, table_error
 

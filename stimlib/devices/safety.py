@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..blocks.actuator import ForceLimit, Tally, slew_limit, static_limit
+from ..core.graph import Block, Const, Guard, Mul, Param
+from ..core.scene import Scene
 from ..errors import BadValue, SceneError, UnitError, UnknownName
-from ..graph import Block, Const, Guard, Mul, Param
-from ..scene import Scene
 
 GAIN = "sink_gain"
 """The live number of the fade: 0 before the start and after the end, 1 in between."""

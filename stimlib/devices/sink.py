@@ -26,9 +26,9 @@ from typing import Any, Self
 import numpy as np
 
 from .. import __version__
+from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..processor import compile
-from ..scene import Scene
 from .engine import Pump
 from .safety import Safety, Watch, protect
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of

@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bounds import limits
+from ..core import regular
+from ..core.bounds import limits
 from ..errors import BadValue, RecordingError
-from ..files import regular
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -10,9 +10,9 @@ import numpy as np
 from ..blocks.carrier import bump, carrier
 from ..blocks.equalise import equalize, within
 from ..blocks.maps import nonzero
+from ..core.graph import Input, Param, check_arguments, constant
+from ..core.scene import Scene
 from ..errors import BadValue
-from ..graph import Input, Param, check_arguments, constant
-from ..scene import Scene
 
 
 def bumps(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import pi
 
-from .. import bounds
 from ..blocks import (
     constant,
     differentiator,
@@ -18,8 +17,9 @@ from ..blocks import (
     static_limit,
     velocity,
 )
-from ..graph import Input, Param, check_arguments
-from ..scene import Scene
+from ..core import bounds
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
 
 
 def squeeze(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import pi
 
 from ..blocks import equal_force, springpot
-from ..graph import Input, Param, check_arguments
-from ..scene import Scene
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
 
 REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Derivative orders of the thesis' reference stimuli (section 4.1)."""

@@ -25,8 +25,8 @@ from ..blocks.gate import Gate
 from ..blocks.modes import Modes, PinkNoise
 from ..blocks.relaxation import KelvinChain, MaxwellArms
 from ..blocks.series import Series
-from ..graph import AtLeast, Block, Greater, Guard
-from ..lower import lead
+from ..core.graph import AtLeast, Block, Greater, Guard
+from ..core.program import lead
 from . import traced
 from .recurrence import SHORT
 

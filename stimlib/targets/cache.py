@@ -33,9 +33,8 @@ import llvmlite.binding
 import numba
 import platformdirs
 
-from .. import maths
+from ..core import maths, regular
 from ..errors import SinkError
-from ..files import regular
 from . import native
 
 SUMS = "sha256.json"

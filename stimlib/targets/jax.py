@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..blocks.gate import Gate
+from ..core.graph import Block, Compare, Const, Param
+from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
 from ..errors import BadValue, SceneError, UnknownName
-from ..graph import Block, Compare, Const, Param
-from ..lower import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
 from ..processor import rate
 from ..rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread

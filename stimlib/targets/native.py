@@ -1,4 +1,4 @@
-"""What compiled code does for each name of ``stimlib.maths``, and the few memory operations segments need.
+"""What compiled code does for each name of ``stimlib.core.maths``, and the few memory operations segments need.
 
 Kernels spell out their vectors, so their speed does not hang on the optimiser's mood, and every partial sum is kept
 apart as ``maths`` defines it: the bits do not depend on the width of the machine's vectors.
@@ -13,7 +13,7 @@ from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from stimlib import maths
+from stimlib.core import maths
 
 F8, I8, U8 = types.CPointer(types.float64), types.CPointer(types.int64), types.CPointer(types.uint64)
 SEGMENT = types.void(F8, F8, F8, I8, types.int64)  # P, S, W, A, n

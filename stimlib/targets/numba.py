@@ -15,10 +15,10 @@ from typing import Any
 import numba
 import numpy as np
 
-from .. import maths, steps
+from ..core import maths, steps
+from ..core.graph import kind, memo, pack
+from ..core.program import PARAMS, ROOT, Program
 from ..errors import SceneError
-from ..graph import kind, memo, pack
-from ..lower import PARAMS, ROOT, Program
 from .cache import load
 
 TILE = 64

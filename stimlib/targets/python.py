@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..graph import Param, pack, unpack
-from ..lower import PARAMS, ROOT, Program
+from ..core.graph import Param, pack, unpack
+from ..core.program import PARAMS, ROOT, Program
 
 
 class Engine:

@@ -1,7 +1,7 @@
 """Steps under JAX: the same text, with JAX's mathematics under the names it uses.
 
 A step is straight-line, so called with whole signals instead of samples it computes all of them at once.  ``bind`` gives a
-step its twins: each name of ``stimlib.maths`` has one here, which differs in rounding alone (XLA is free to contract
+step its twins: each name of ``stimlib.core.maths`` has one here, which differs in rounding alone (XLA is free to contract
 a*b + c).  ``run`` evaluates it so that its derivative is finite: where a denominator is 0, that of a quotient is 0.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from jax import lax
 from jax.extend import core
 
-from .. import maths
+from ..core import maths
 from ..errors import SceneError
 
 # The twins -----------------------------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ from laws import assert_same
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks.equalise import Midpoint, equalize
+from stimlib.core.graph import as_block
 from stimlib.errors import BadValue, UnitError
-from stimlib.graph import as_block
 
 FS = 8000.0
 KNOTS = np.linspace(0.0, 0.1, 5)

@@ -9,8 +9,8 @@ from stimlib import Input, Param, Scene, compile, constant, enabled
 from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
 from stimlib.checks import draw
 from stimlib.checks.draw import SPACE, _Picture
+from stimlib.core.program import lower
 from stimlib.errors import BadValue, SinkError
-from stimlib.lower import lower
 from stimlib.scenes import squeeze
 
 

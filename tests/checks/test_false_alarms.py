@@ -11,10 +11,10 @@ from stimlib import Input, Scene
 from stimlib.blocks import delay, enabled, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
 from stimlib.checks import responses, spectra
+from stimlib.core.graph import reach
 from stimlib.devices import file
 from stimlib.devices.motion import constant_speed, minimum_jerk
 from stimlib.errors import BadValue
-from stimlib.graph import reach
 from stimlib.scenes import bumps, squeeze
 
 

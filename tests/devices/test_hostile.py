@@ -20,13 +20,13 @@ from stimlib.checks import draw
 from stimlib.checks.picture import picture
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
+from stimlib.core import fields, regular
 from stimlib.devices import file
 from stimlib.devices.batch import render_set
 from stimlib.devices.log import LogWriter, header, read_log, replay
 from stimlib.devices.motion import parse_motion, sinusoid
 from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.errors import SinkError, StimlibError
-from stimlib.files import fields, regular
 
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
 HAND = {"x": sinusoid(0.02, 3.0)}

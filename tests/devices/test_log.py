@@ -615,7 +615,7 @@ def test_absurd_places(small, tmp_path):
     "text", ["9**9**9**9", "m**(9**9**9)", "((m**9)**9)**9", "m**1e400", "m**400", "((((m", "m" * 200, "m\n("]
 )
 def test_a_unit_that_would_be_computed_for_hours(small, text):
-    from stimlib.units import unit
+    from stimlib.core.units import unit
 
     with pytest.raises(UnitError):
         unit(text)

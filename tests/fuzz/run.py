@@ -74,7 +74,7 @@ def run(seconds: float, names: list[str], seed: int) -> int:
 def guided(seconds: float, name: str) -> None:
     import atheris
 
-    with atheris.instrument_imports(include=["stimlib.devices", "stimlib.scene", "stimlib.blocks", "csv", "zipfile"]):
+    with atheris.instrument_imports(include=["stimlib.devices", "stimlib.core.scene", "stimlib.blocks", "csv", "zipfile"]):
         from fuzz.mutations import mutated
         from fuzz.readers import CASES, READERS, attempt
     seeds = READERS[name].seeds()

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import SceneError, UnknownName
+from ..errors import SceneError, UnknownName
 from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub, pack, unpack
-from .lower import Program
+from .program import Program
 
 if TYPE_CHECKING:
-    from .processor import Processor
+    from ..processor import Processor
 
 
 def backward(z: np.ndarray) -> np.ndarray:
@@ -29,7 +29,7 @@ def backward(z: np.ndarray) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.response import backward
+    >>> from stimlib.core.response import backward
     >>> z = np.exp(1e-12j)
     >>> bool(abs(backward(z) / 1e-12j - 1) < 1e-11), bool(abs((1 - 1 / z).real / backward(z).real - 1) < 0.1)
     (True, False)

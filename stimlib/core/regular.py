@@ -11,8 +11,8 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from ..bounds import limits
 from ..errors import SinkError, StimlibError
+from .bounds import limits
 
 
 def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
@@ -37,7 +37,7 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
 
     Examples
     --------
-    >>> from stimlib.files import regular
+    >>> from stimlib.core import regular
     >>> regular.read("/dev/zero", "scene_bytes")
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot read /dev/zero: it is not a regular file
@@ -123,7 +123,7 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from stimlib.files import regular
+    >>> from stimlib.core import regular
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.txt"
     >>> regular.publish(path, "whole")
     >>> path.read_text()

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import SceneError, StimlibError
 from . import steps
 from . import units as un
 from .bounds import limits
-from .errors import SceneError, StimlibError
 from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
 
 PARAMS, ROOT = 0, 1  # clocks: live numbers, always; the sample clock.  Each enabled adds one.
@@ -26,7 +26,7 @@ def lead(fs: float) -> int:
 
     Examples
     --------
-    >>> from stimlib.lower import lead
+    >>> from stimlib.core.program import lead
     >>> lead(8000.0), lead(48000.0)
     (256, 1536)
     """

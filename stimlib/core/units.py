@@ -6,7 +6,7 @@ import math
 import re
 from functools import cache, lru_cache
 
-from .errors import UnitError
+from ..errors import UnitError
 
 _SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2")
 
@@ -19,7 +19,7 @@ class Unit:
 
     Examples
     --------
-    >>> from stimlib.units import unit
+    >>> from stimlib.core.units import unit
     >>> str(unit("N/m") * unit("m"))
     'N'
     """
@@ -55,7 +55,7 @@ class Unit:
 
 def _is_unit(v: object) -> None:
     if not isinstance(v, Unit):
-        raise UnitError(f"{v!r} is not a unit: write unit({str(v)!r}), from stimlib.units")
+        raise UnitError(f"{v!r} is not a unit: write unit({str(v)!r}), from stimlib.core.units")
 
 
 ONE = Unit(())
@@ -103,7 +103,7 @@ def unit(text: str) -> Unit:
 
     Examples
     --------
-    >>> from stimlib.units import unit
+    >>> from stimlib.core.units import unit
     >>> unit("N*s/m") == unit("kg/s")
     True
     """

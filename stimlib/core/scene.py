@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import SceneError, SceneFileError, StimlibError
+from . import regular
 from .bounds import limits
-from .errors import SceneError, SceneFileError, StimlibError
-from .files import regular
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
-from .lower import lower
+from .program import lower
 
 VERSION = 1
 

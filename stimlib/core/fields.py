@@ -35,7 +35,7 @@ def parse(data: bytes) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from stimlib.files import fields
+    >>> from stimlib.core import fields
     >>> fields.parse(b'{"fs": 1e400}')
     Traceback (most recent call last):
     ValueError: 1e400 is not a finite number
@@ -61,7 +61,7 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
 
     Examples
     --------
-    >>> from stimlib.files import fields
+    >>> from stimlib.core import fields
     >>> fields.require({"fs": "fast"}, {"fs": fields.number})
     Traceback (most recent call last):
     ValueError: fs must be a finite number

@@ -6,7 +6,7 @@ import dataclasses as dc
 import math
 import os
 
-from .errors import BadValue, StimlibError
+from ..errors import BadValue, StimlibError
 
 VARIABLE = "STIMLIB_LIMITS"
 

@@ -1,6 +1,6 @@
 """What a step may say, checked on its source before any target runs it.
 
-Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the functions of ``stimlib.maths``, helper
+Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the functions of ``stimlib.core.maths``, helper
 functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
 to the interpreter, the compiler and automatic differentiation.  A tile may also use ``if``, ``and``, ``or``: it is never
 differentiated.
@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import SceneError
 from . import maths
-from .errors import SceneError
 
 _WORDS = {
     ast.Pow: "** differs between targets: multiply, or use maths.sqrt / exp / log",
@@ -83,7 +83,9 @@ def names(f: Callable) -> dict[str, Any]:
         elif n in _BUILTIN:
             found[n] = _BUILTIN[n]
         else:
-            raise SceneError(f"{f.__qualname__} uses {n!r}, which is not defined; a step may call stimlib.maths, abs and range")
+            raise SceneError(
+                f"{f.__qualname__} uses {n!r}, which is not defined; a step may call stimlib.core.maths, abs and range"
+            )
     return found
 
 
@@ -92,8 +94,8 @@ def check(f: Callable, tile: bool = False) -> None:
 
     Examples
     --------
-    >>> from stimlib.graph import Mul
-    >>> from stimlib.steps import check
+    >>> from stimlib.core.graph import Mul
+    >>> from stimlib.core.steps import check
     >>> check(Mul.step)
     """
     _check(f, f.__code__, tile)
@@ -132,8 +134,8 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
             if not _callable_in_step(target):
                 if ast.unparse(g).startswith("stimlib."):
                     short = ast.unparse(g).split(".", 1)[1]
-                    refuse(node, f"{ast.unparse(g)}: write `from stimlib import maths` above the class, and {short} here")
-                refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.maths, abs, range and helpers like itself")
+                    refuse(node, f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class, and {short} here")
+                refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and helpers like itself")
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
                 if target in (f, *above):
                     refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")
@@ -229,7 +231,7 @@ def _signals(cls: type) -> tuple[str, ...]:
 
 
 def _called(g: ast.expr, f: Callable) -> Any:
-    """What a call in a function calls, or None: a helper of stimlib.maths counts as a built-in, it gives one number."""
+    """What a call in a function calls, or None: a helper of stimlib.core.maths counts as a built-in, it gives one number."""
     known = f.__globals__
     target = getattr(known.get(g.value.id), g.attr, None) if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name) else \
         known.get(g.id) if isinstance(g, ast.Name) else None  # fmt: skip

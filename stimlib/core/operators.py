@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BadValue, SceneError
+from ..errors import BadValue, SceneError
 
 NUMBERS: Any = (int, float, np.integer, np.floating)
 LARGEST_POWER = 64

@@ -17,8 +17,8 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..errors import BadValue, SceneError, StimlibError, UnitError
 from . import units as un
-from .errors import BadValue, SceneError, StimlibError, UnitError
 from .maths import copy, where
 from .operators import NUMBERS, Refusals, functions, no_numpy, power
 from .steps import place
@@ -41,7 +41,7 @@ class Block(Refusals):
 
     A final class, or an abstract one above it (a *primitive*), owns the definition of the output, either
 
-    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see ``stimlib.steps``), or
+    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see ``stimlib.core.steps``), or
     * ``tile(p, s, *x, y, w) -> s``: fills the array y from the arrays x, up to 64 samples, any cut giving the same
       bits; ``work(p)`` words of scratch come as ``w``.
 
@@ -85,7 +85,7 @@ class Block(Refusals):
         if not isinstance(dim, Unit):
             raise SceneError(
                 f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a signal (u[0]), or one made by "
-                "stimlib.units.unit, such as unit('N')"
+                "stimlib.core.units.unit, such as unit('N')"
             )
         object.__setattr__(self, "dim", dim)
 
@@ -176,7 +176,7 @@ class Block(Refusals):
 @memo
 def signals(cls: type[Block]) -> tuple[str, ...]:
     """Names of the fields that are input signals."""
-    named = {Block, "Block", "stimlib.Block", "graph.Block", "stimlib.graph.Block"}
+    named = {Block, "Block", "stimlib.Block", "graph.Block", "stimlib.core.graph.Block"}
     return tuple(f.name for f in dc.fields(cls) if f.type in named)  # type: ignore[arg-type]
 
 
