@@ -15,8 +15,8 @@ from bench import interleaved, machine, medians, ratio, save
 from scipy import linalg, signal
 
 import stimlib
-from stimlib import minimax
 from stimlib.blocks import differentiator, pink_noise
+from stimlib.design import minimax
 from stimlib.scenes import squeeze
 
 FS, CHUNK, CHUNKS = 8000, 32768, 16

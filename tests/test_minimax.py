@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from stimlib import minimax
-from stimlib.minimax import cholesky, differentiator_order, differentiator_taps, pink_modes, stationary_covariance
+from stimlib.design import minimax
+from stimlib.design.minimax import cholesky, differentiator_order, differentiator_taps, pink_modes, stationary_covariance
 
 TOLERANCES = (0.1, 0.01, 0.001, 1e-4)
 SECTIONS = {  # fs/f_low: first-order sections for the tolerances above

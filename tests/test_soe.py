@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from stimlib import soe
+from stimlib.design import exponentials as soe
 from stimlib.errors import BadValue
 
 TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]

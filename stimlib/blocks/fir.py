@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import minimax
 from ..core import units as un
 from ..core.graph import Block, positive
 from ..core.maths import copy
 from ..core.maths import fir as fir_sum
 from ..core.units import unit
+from ..design import minimax
 from ..errors import BadValue
 
 

@@ -1,7 +1,7 @@
 """The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha = 1), with all of its history.
 
 The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j d[n-j].  The newest eight weights are
-taps, the others exponential modes (``stimlib.soe``), so a sample costs the same in the first second and after hours.
+taps, the others exponential modes (``stimlib.design.exponentials``), so a sample costs the same in the first second and after hours.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import soe
 from ..core import units as un
 from ..core.graph import Block, Const, Map, as_block, positive
 from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
 from ..core.response import backward
 from ..core.units import unit
+from ..design import exponentials as soe
 from ..errors import BadValue, UnitError
 from .table import Table, TableParams
 

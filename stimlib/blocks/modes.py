@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import minimax
 from ..core.graph import Block, positive
 from ..core.maths import modes
 from ..core.response import backward
+from ..design import minimax
 from .noise import White, noise_key, normals
 
 

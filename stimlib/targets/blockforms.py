@@ -151,7 +151,7 @@ def pink(b, p, s, x, run):
     """As modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
-    from .. import minimax
+    from ..design import minimax
 
     live = p.r != 0
     e = p.e[live]

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .errors import BadValue
+from ..errors import BadValue
 
 SCHEMES = ("gl", "l1")
 DIRECT = 8  # weights v_0 .. v_7 are direct taps
@@ -77,7 +77,7 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
 
     Examples
     --------
-    >>> from stimlib.soe import kernel
+    >>> from stimlib.design.exponentials import kernel
     >>> kernel("gl", 0.5, [0, 1, 2])
     array([1.   , 0.5  , 0.375])
     """
@@ -144,7 +144,7 @@ def rates(tol: float, samples: float) -> Rates:
 
     Examples
     --------
-    >>> from stimlib.soe import rates
+    >>> from stimlib.design.exponentials import rates
     >>> rates(1e-10, 86400 * 1000.0).s.size
     63
     """
@@ -230,7 +230,7 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.soe import kernel, rates, weights
+    >>> from stimlib.design.exponentials import kernel, rates, weights
     >>> r = rates(1e-10, 1e6)
     >>> w = weights(r, "gl", 0.3)
     >>> j = np.array([8, 100, 1000])
@@ -309,7 +309,7 @@ def bound(r: Rates, alpha: float) -> float:
 
     Examples
     --------
-    >>> from stimlib.soe import bound, rates
+    >>> from stimlib.design.exponentials import bound, rates
     >>> r = rates(1e-10, 1e8)
     >>> bound(r, 0.05) < 0.1 * bound(r, 0.9) < 1e-11
     True

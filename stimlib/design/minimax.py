@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .errors import BadValue
+from ..errors import BadValue
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> Modes:
 
     Examples
     --------
-    >>> from stimlib.minimax import pink_modes
+    >>> from stimlib.design.minimax import pink_modes
     >>> modes = pink_modes(fs=8000, f_low=1, tol_db=0.01)
     >>> len(modes.e), modes.error_db < 0.01
     (8, True)
@@ -324,7 +324,7 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
 
     Examples
     --------
-    >>> from stimlib.minimax import stationary_covariance
+    >>> from stimlib.design.minimax import stationary_covariance
     >>> stationary_covariance([0.5, 1.0])
     array([[1.33333333, 1.        ],
            [1.        , 1.        ]])
@@ -353,7 +353,7 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
 
     Examples
     --------
-    >>> from stimlib.minimax import cholesky
+    >>> from stimlib.design.minimax import cholesky
     >>> cholesky([[4.0, 2.0], [2.0, 2.0]])
     array([[2., 0.],
            [1., 1.]])
@@ -430,7 +430,7 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
 
     Examples
     --------
-    >>> from stimlib.minimax import differentiator_taps
+    >>> from stimlib.design.minimax import differentiator_taps
     >>> d = differentiator_taps(fs=8000, passband=1000, stopband=1500, order=128)
     >>> len(d.taps), d.error < 1e-6, d.stop_db < -110
     (129, True, True)
@@ -476,7 +476,7 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
 
     Examples
     --------
-    >>> from stimlib.minimax import differentiator_order
+    >>> from stimlib.design.minimax import differentiator_order
     >>> differentiator_order(fs=8000, passband=1000, stopband=1500, tol=1e-6)
     122
     """
