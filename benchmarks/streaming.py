@@ -13,7 +13,7 @@ from bench import machine, save
 from devices.servers import Jackd, busy
 
 from stimlib.devices.jack import JackSink
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
 FS, BLOCK = 8000, 64

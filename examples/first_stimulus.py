@@ -10,7 +10,7 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import constant, differentiator, enabled, loading, pink_noise, spring, velocity
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 
 
 # [scene]

@@ -11,8 +11,8 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.devices.motion import ramp_and_hold
 from stimlib.fitting import fit_generalized_maxwell, fit_springpot, springpot_force
+from stimlib.motion.generators import ramp_and_hold
 
 
 # [record]

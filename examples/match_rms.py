@@ -8,7 +8,7 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import bumps
 
 FS = 8000  # Hz

@@ -214,14 +214,14 @@ def _motions(
     max_gap: float | None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
-    from .devices.motion import parse_motion
+    from .motion.generators import parse_motion
 
     motions: dict[str, Any] = {}
     seconds = None
     for text in texts:
         name, equals, spec = text.partition("=")
         if Path(text).suffix in (".csv", ".npz"):
-            from .devices.recording import parse_map, parse_where, recording
+            from .motion.recorded import parse_map, parse_where, recording
 
             if not maps:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
@@ -589,7 +589,7 @@ def verify_(
                 raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
             from .checks.verify import verify
             from .devices import file
-            from .devices.motion import parse_motion
+            from .motion.generators import parse_motion
 
             made = scene_of(scene)
             if motion:
@@ -665,7 +665,7 @@ def render_set_(
     """
     with _friendly():
         from .devices.batch import render_set
-        from .devices.motion import parse_motion
+        from .motion.generators import parse_motion
         from .scenes import bumps, bumps_set
 
         scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s) for s in bumps_set()}
@@ -714,7 +714,7 @@ def show(
 def list_():
     """The shipped scenes, with their live numbers, and the motions that render understands."""
     with _friendly():
-        from .devices.motion import GENERATORS
+        from .motion.generators import GENERATORS
 
         out = Console()
         for name, make in shipped().items():

@@ -10,7 +10,7 @@ from stimlib import Block, Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.relaxation import maxwell
 from stimlib.blocks.tracking import track
-from stimlib.devices.motion import constant_speed, jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
+from stimlib.motion.generators import constant_speed, jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 

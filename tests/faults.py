@@ -32,7 +32,7 @@ from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
 from stimlib.core.maths import copy, where, words
 from stimlib.core.maths import modes as modes_sum
 from stimlib.devices import file
-from stimlib.devices.motion import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, squeeze, viscoelastic
 from stimlib.targets import numba as target
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from stimlib.devices.recording import recording
+from stimlib.motion.recorded import recording
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 RECORDINGS = {

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib.cli import app, scene_of
 from stimlib.devices import file
-from stimlib.devices.motion import minimum_jerk, sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
 
 run = CliRunner()
 OWN = """
@@ -290,7 +290,7 @@ def test_sidecar_is_enough_to_render_again(tmp_path):
     words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.005)", "--seconds", "0.3", "--set", "A=2", "--quiet"]
     assert run.invoke(app, [*words, "--out", str(tmp_path / "a.w64"), "--subtype", "DOUBLE"]).exit_code == 0
     sidecar = json.loads((tmp_path / "a.w64.json").read_text())
-    from stimlib.devices.motion import parse_motion
+    from stimlib.motion.generators import parse_motion
 
     again = stimlib.render(
         stimlib.Scene.from_dict(sidecar["scene"]),

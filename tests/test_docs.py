@@ -12,7 +12,7 @@ import typer
 
 from stimlib import blocks
 from stimlib.cli import app
-from stimlib.devices.motion import GENERATORS
+from stimlib.motion.generators import GENERATORS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(p for p in DOCS.rglob("*.rst") if not {"_build", "generated"} & set(p.parts))

@@ -24,7 +24,7 @@ from stimlib.blocks import (
     springpot_stiffness,
 )
 from stimlib.blocks.relaxation import creep_compliance
-from stimlib.devices.motion import ramp_and_hold
+from stimlib.motion.generators import ramp_and_hold
 
 DOCS = Path(__file__).parents[1]
 RESULTS = DOCS.parent / "benchmarks" / "results"

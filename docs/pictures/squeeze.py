@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.devices.motion import ramp_and_hold
+from stimlib.motion.generators import ramp_and_hold
 from stimlib.scenes import squeeze
 
 FS, K = 8000, 2000.0

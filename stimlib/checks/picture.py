@@ -31,7 +31,7 @@ def picture(rendering: Rendering, path: str | os.PathLike) -> None:
     --------
     >>> import pathlib, tempfile, stimlib
     >>> from stimlib.checks.picture import picture
-    >>> from stimlib.devices.motion import minimum_jerk
+    >>> from stimlib.motion.generators import minimum_jerk
     >>> squeezed = stimlib.render(stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}, fs=8000, seconds=1.0)
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "squeeze.png"
     >>> picture(squeezed, path)

@@ -55,7 +55,7 @@ def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.motion import minimum_jerk
+    >>> from stimlib.motion.generators import minimum_jerk
     >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
     >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)).passed
     True

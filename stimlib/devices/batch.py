@@ -66,7 +66,7 @@ def render_set(
     scenes : dict of str to Scene
         By file name without suffix.
     motion : dict of str to motion
-        Of every scene's inputs: generators of ``stimlib.devices.motion``, or float64 arrays.
+        Of every scene's inputs: generators of ``stimlib.motion.generators``, or float64 arrays.
     seconds, fs : float
         Length in s, sample rate in Hz.
     seed : int
@@ -98,7 +98,7 @@ def render_set(
     --------
     >>> import tempfile, stimlib
     >>> from stimlib.devices.batch import render_set
-    >>> from stimlib.devices.motion import constant_speed
+    >>> from stimlib.motion.generators import constant_speed
     >>> x = stimlib.Input("x", "m")
     >>> scenes = {f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x}) for k in (100, 200)}
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -240,7 +240,7 @@ class Sink:
     --------
     >>> import stimlib
     >>> from stimlib.devices.null import NullSink
-    >>> from stimlib.devices.motion import minimum_jerk
+    >>> from stimlib.motion.generators import minimum_jerk
     >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
     >>> with NullSink(scene, 50.0, motion={"x": minimum_jerk()}, clocked=False) as sink:
     ...     sink.open(rate=8000)

@@ -13,8 +13,8 @@ from stimlib.blocks.fractional import Springpot
 from stimlib.checks import responses, spectra
 from stimlib.core.graph import reach
 from stimlib.devices import file
-from stimlib.devices.motion import constant_speed, minimum_jerk
 from stimlib.errors import BadValue
+from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.scenes import bumps, squeeze
 
 

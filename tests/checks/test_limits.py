@@ -13,8 +13,8 @@ from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, sp
 from stimlib.checks.evidence import Check, drive
 from stimlib.checks.report import GROUPS, Report
 from stimlib.devices import file
-from stimlib.devices.motion import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.devices.recording import recording
+from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 INSIDE, OUTSIDE = 0.97, 1.03  # of the limit

@@ -10,8 +10,8 @@ import stimlib
 from stimlib.blocks.carrier import LinearBump
 from stimlib.blocks.fractional import Springpot
 from stimlib.checks import laws
-from stimlib.devices.motion import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.devices.recording import recording
+from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, viscoelastic
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "touch-evemu"

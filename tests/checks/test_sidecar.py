@@ -11,7 +11,7 @@ import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
 from stimlib.checks import sidecar as checked
 from stimlib.devices import file
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
 from stimlib.checks.evidence import Check
 from stimlib.devices import file
-from stimlib.devices.motion import jittered, minimum_jerk, quantised, ramp_and_hold
+from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 

@@ -284,7 +284,7 @@ def hog(over):
 def busy(server, compiled, seconds=3.0):
     """Report of a session in real time while another thread holds the interpreter."""
     from stimlib.devices.jack import JackSink
-    from stimlib.devices.motion import minimum_jerk
+    from stimlib.motion.generators import minimum_jerk
     from stimlib.scenes import squeeze
 
     hand = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}

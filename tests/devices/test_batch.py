@@ -11,7 +11,7 @@ from stimlib import BadValue, SinkError
 from stimlib.cli import app
 from stimlib.devices import file
 from stimlib.devices.batch import order, render_set
-from stimlib.devices.motion import constant_speed
+from stimlib.motion.generators import constant_speed
 from stimlib.scenes import bumps, bumps_set
 
 MOTION = {"x": constant_speed(0.02, 0.1)}

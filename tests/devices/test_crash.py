@@ -20,10 +20,10 @@ from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.devices import file
 from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
-from stimlib.devices.motion import sinusoid
 from stimlib.devices.null import NullSink
 from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.errors import SinkError
+from stimlib.motion.generators import sinusoid
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]

@@ -7,7 +7,7 @@ from devices.servers import Jackd, needs_jack
 import stimlib
 from stimlib import SinkError
 from stimlib.devices.loopback import Loopback, loopback, through
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}

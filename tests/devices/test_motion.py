@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stimlib.devices import motion as m
 from stimlib.errors import BadValue
+from stimlib.motion import generators as m
 
 FS = 8000.0
 

@@ -15,11 +15,11 @@ from devices.servers import SLACK, Seen, faded, kept, largest_step, offline, rep
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnknownName, constant
-from stimlib.devices.motion import minimum_jerk
 from stimlib.devices.null import NullSink
 from stimlib.devices.safety import Safety
 from stimlib.devices.sink import CLOSE_WITHIN, Sink
 from stimlib.devices.sources import Live
+from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
 FS = 8000

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 import stimlib
 from stimlib.devices import file
-from stimlib.devices.recording import Recording, parse_map, parse_where, recording
 from stimlib.errors import BadValue, RecordingError, StimlibError, UnknownName
+from stimlib.motion.recorded import Recording, parse_map, parse_where, recording
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FS = 8000.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stimlib.devices import cubics as blocks
-from stimlib.devices.cubics import cubics
-from stimlib.devices.recording import recording
 from stimlib.errors import BadValue, RecordingError
+from stimlib.motion import cubics as blocks
+from stimlib.motion.cubics import cubics
+from stimlib.motion.recorded import recording
 
 # a tablet: stamps in ms, two or three reports in some of them
 COARSE = "t_ms,x_mm,contact\n0,1,1\n10,2,1\n10,3,1\n20,4,1\n20,5,1\n20,6,0\n30,7,1\n30,8,1\n"

@@ -6,9 +6,9 @@ from devices.servers import Seen, largest_step
 
 import stimlib
 from stimlib import BadValue, Input, Scene, UnknownName
-from stimlib.devices.motion import minimum_jerk
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals, length, source_of
+from stimlib.motion.generators import minimum_jerk
 
 FS = 8000
 

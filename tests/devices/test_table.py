@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stimlib
-from stimlib.devices import table as tables
-from stimlib.devices.recording import recording
-from stimlib.devices.table import read_table
 from stimlib.errors import RecordingError
+from stimlib.motion import table as tables
+from stimlib.motion.recorded import recording
+from stimlib.motion.table import read_table
 
 
 @pytest.fixture
@@ -198,7 +198,7 @@ def peak(path, columns="{'x': 'x'}"):
     """What `recording` says in a process of its own, and by how many MiB that grows."""
     code = f"""if True:
         import resource
-        from stimlib.devices.recording import recording
+        from stimlib.motion.recorded import recording
         from stimlib.errors import RecordingError
         memory = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         before = memory()

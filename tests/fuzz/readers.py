@@ -18,10 +18,10 @@ import stimlib
 from stimlib.blocks import equalize, lut
 from stimlib.devices import file
 from stimlib.devices.log import processor, read_log
-from stimlib.devices.motion import minimum_jerk
 from stimlib.devices.null import NullSink
-from stimlib.devices.recording import recording
 from stimlib.errors import StimlibError
+from stimlib.motion.generators import minimum_jerk
+from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze, viscoelastic
 
 SECONDS = 20.0  # of CPU time for one input, on any machine

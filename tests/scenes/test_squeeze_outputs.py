@@ -5,7 +5,7 @@ import pytest
 
 import stimlib
 from stimlib.blocks.actuator import PLACEHOLDER_GAMMA
-from stimlib.devices.motion import minimum_jerk, ramp_and_hold
+from stimlib.motion.generators import minimum_jerk, ramp_and_hold
 from stimlib.scenes import squeeze
 
 FS = 8000

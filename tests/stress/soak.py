@@ -19,7 +19,7 @@ from devices.servers import Capture, Jackd
 import stimlib
 from stimlib.devices import log as logs
 from stimlib.devices.jack import JackSink
-from stimlib.devices.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
 FS, BLOCK = 8000, 64

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import BadValue, UnknownName, shown
 from .cubics import cubics
-from .motion import Motion
+from .generators import Motion
 from .reports import Mask, Series, check_gaps, check_period, hold_silences, joined, lifts, series
 from .table import Array, Table, read_table
 
