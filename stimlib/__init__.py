@@ -14,11 +14,11 @@ __version__ = "0.1.0"
 _HOME = {
     "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
     "Scene": "core.scene", "load": "core.scene",
-    "compile": "processor", "Processor": "processor",
+    "compile": "run.processor", "Processor": "run.processor",
     "verify": "checks.verify",
     "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
     "fit": "identify",
-    "render": "rendering", "Rendering": "rendering", "stream": "rendering",
+    "render": "run.rendering", "Rendering": "run.rendering", "stream": "run.rendering",
     "limits": "core.bounds",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     )
     from .fitting import fit_generalized_maxwell, fit_springpot
     from .identify import fit
-    from .processor import Processor, compile
-    from .rendering import Rendering, render, stream
+    from .run.processor import Processor, compile
+    from .run.rendering import Rendering, render, stream
 
 
 def __getattr__(name: str) -> Any:

@@ -280,8 +280,8 @@ def render_(
     """
     with _friendly():
         from .devices import file
-        from .processor import compile
-        from .rendering import render
+        from .run.processor import compile
+        from .run.rendering import render
 
         made = scene_of(scene)
         values = _live(set_)
@@ -331,7 +331,7 @@ RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
 
 
 def _safety(full_scale: str, peak: float | None, static: float | None, slew: str | None) -> Any:
-    from .devices.safety import Safety
+    from .run.safety import Safety
 
     def of_each(text: Any) -> Any:
         return {p.partition("=")[0]: p.partition("=")[2] for p in text.split(",")} if text and "=" in text else text
@@ -697,7 +697,7 @@ def show(
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
     with _friendly():
-        from .processor import compile
+        from .run.processor import compile
 
         made = scene_of(scene)
         print(shown(made))

@@ -17,8 +17,8 @@ import numpy as np
 from .core.scene import Scene
 from .errors import BadValue, UnknownName
 from .fitting import _intervals
-from .processor import compile
-from .rendering import frames_of, positions, sources_of
+from .run.processor import compile
+from .run.rendering import frames_of, positions, sources_of
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band

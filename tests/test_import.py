@@ -20,7 +20,7 @@ def test_import_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "module", ["stimlib.blocks", "stimlib.core.graph", "stimlib.core.scene", "stimlib.processor", "stimlib.core.maths"]
+    "module", ["stimlib.blocks", "stimlib.core.graph", "stimlib.core.scene", "stimlib.run.processor", "stimlib.core.maths"]
 )
 def test_definitions_load_no_target(module):
     assert loaded(f"import {module}") == set()

@@ -23,7 +23,7 @@ from ..errors import BadValue
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
-    from ..processor import Processor
+    from ..run.processor import Processor
 
 MOST = 200
 """Blocks that fit into a picture; above it nobody can read one."""

@@ -16,8 +16,8 @@ from ..core.graph import Block, Enabled, reach
 from ..core.program import ROOT, lower
 from ..core.scene import Scene
 from ..errors import BadValue
-from ..processor import Processor, compile
-from ..rendering import Rendering, positions, sources_of
+from ..run.processor import Processor, compile
+from ..run.rendering import Rendering, positions, sources_of
 from . import laws, spectra
 from .responses import RESPONSES, SHAPES, Law
 

@@ -11,7 +11,7 @@ from ..core.graph import Block, Enabled, Input, Param, reach, signals
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..errors import SceneError
-from ..processor import compile
+from ..run.processor import compile
 from . import laws, spectra
 from .evidence import FEWEST, Check, Evidence, Tap
 

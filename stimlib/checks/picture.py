@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import regular
 from ..errors import SinkError
-from ..rendering import Rendering
+from ..run.rendering import Rendering
 
 
 def picture(rendering: Rendering, path: str | os.PathLike) -> None:

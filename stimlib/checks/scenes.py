@@ -10,7 +10,7 @@ import numpy as np
 from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..core.scene import Scene
 from ..errors import SceneError
-from ..processor import compile
+from ..run.processor import compile
 from . import laws
 from .evidence import Check, Evidence, Tap, drive, live
 

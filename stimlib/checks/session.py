@@ -10,8 +10,8 @@ from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..devices.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
-from ..devices.safety import Watch, protect, to_device
 from ..errors import BadValue, SinkError
+from ..run.safety import Watch, protect, to_device
 from .evidence import Check, Evidence, at_first, keep_taps, with_taps
 from .noise import generator, noise
 from .report import Report

@@ -16,8 +16,8 @@ import numpy as np
 from ..core.graph import Block, Const, Input, pack, signals
 from ..core.scene import Scene
 from ..errors import shown
-from ..processor import compile
-from ..rendering import Rendering
+from ..run.processor import compile
+from ..run.rendering import Rendering
 from .evidence import Check, Evidence, change, drive, gather
 from .noise import generator, noise
 from .report import Report

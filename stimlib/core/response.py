@@ -11,7 +11,7 @@ from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, S
 from .program import Program
 
 if TYPE_CHECKING:
-    from ..processor import Processor
+    from ..run.processor import Processor
 
 
 def backward(z: np.ndarray) -> np.ndarray:

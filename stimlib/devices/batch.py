@@ -15,7 +15,7 @@ from ..blocks.noise import noise_key
 from ..core import regular
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..processor import compile
+from ..run.processor import compile
 from . import file
 
 

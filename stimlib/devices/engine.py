@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..processor import Processor
-from .safety import GAIN, Safety
+from ..run.processor import Processor
+from ..run.safety import GAIN, Safety
 from .sources import Live, Recorded, Scripted, Signals, Source
 
 STALE = 0.05

@@ -27,8 +27,8 @@ from .. import __version__
 from ..core import fields, regular
 from ..core.bounds import limits
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
-from ..processor import Processor
-from ..rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
+from ..run.processor import Processor
+from ..run.rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
 Array = NDArray[np.float64]

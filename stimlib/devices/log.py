@@ -37,10 +37,10 @@ from ..core import fields, regular
 from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
-from ..processor import Processor
+from ..run.processor import Processor
+from ..run.safety import GAIN, Safety, protect, to_device
 from . import file
 from .draft import Draft
-from .safety import GAIN, Safety, protect, to_device
 
 SPAN = 0.25  # s of delivered samples under one hash
 MAX_INDEX = 2**53  # beyond, a float no longer tells two samples apart
@@ -123,7 +123,7 @@ class LogWriter:
 
     >>> import tempfile, numpy as np, stimlib
     >>> from stimlib.devices.log import LogWriter, header, read_log, replay
-    >>> from stimlib.devices.safety import Safety, protect, to_device
+    >>> from stimlib.run.safety import Safety, protect, to_device
     >>> scene, safety = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}), Safety(50.0)
     >>> proc, x = stimlib.compile(protect(scene, safety), fs=8000), np.full((1, 800), 0.01)
     >>> folder = tempfile.TemporaryDirectory()

@@ -28,9 +28,9 @@ import numpy as np
 from .. import __version__
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
-from ..processor import compile
+from ..run.processor import compile
+from ..run.safety import Safety, Watch, protect
 from .engine import Pump
-from .safety import Safety, Watch, protect
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 
 CLOSE_WITHIN = 2.0

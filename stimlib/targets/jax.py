@@ -20,8 +20,8 @@ from ..blocks.gate import Gate
 from ..core.graph import Block, Compare, Const, Param
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
 from ..errors import BadValue, SceneError, UnknownName
-from ..processor import rate
-from ..rendering import warn_beyond
+from ..run.processor import rate
+from ..run.rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
 

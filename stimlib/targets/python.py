@@ -11,7 +11,7 @@ from ..core.program import PARAMS, ROOT, Program
 
 
 class Engine:
-    """Runs a program; ``words`` is its whole state.  See ``stimlib.processor`` for the public face."""
+    """Runs a program; ``words`` is its whole state.  See ``stimlib.run.processor`` for the public face."""
 
     address = None
 

@@ -19,7 +19,7 @@ import pytest
 
 import stimlib
 from stimlib import SinkError, blocks
-from stimlib.devices.safety import protect, to_device
+from stimlib.run.safety import protect, to_device
 
 SLACK = 0.0 if os.environ.get("STIMLIB_STRESS") else 2.0
 """Seconds that a machine with other work may add to what is promised; ``make stress`` gives it none."""

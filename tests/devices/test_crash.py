@@ -21,9 +21,9 @@ from stimlib.cli import app
 from stimlib.devices import file
 from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.null import NullSink
-from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.errors import SinkError
 from stimlib.motion.generators import sinusoid
+from stimlib.run.safety import GAIN, Safety, protect, to_device
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]

@@ -24,9 +24,9 @@ from stimlib.core import fields, regular
 from stimlib.devices import file
 from stimlib.devices.batch import render_set
 from stimlib.devices.log import LogWriter, header, read_log, replay
-from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.errors import SinkError, StimlibError
 from stimlib.motion.generators import parse_motion, sinusoid
+from stimlib.run.safety import GAIN, Safety, protect, to_device
 
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
 HAND = {"x": sinusoid(0.02, 3.0)}

@@ -34,10 +34,10 @@ from devices.servers import (
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
-from stimlib.devices.safety import Safety
 from stimlib.devices.sink import CLOSE_WITHIN
 from stimlib.devices.sources import Recorded, Signal, Signals
 from stimlib.motion.generators import minimum_jerk
+from stimlib.run.safety import Safety
 from stimlib.scenes import squeeze
 
 pytestmark = needs_jack

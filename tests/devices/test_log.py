@@ -24,10 +24,10 @@ from stimlib.checks.session import verify_log
 from stimlib.devices import file
 from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.null import NullSink
-from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
 from stimlib.motion.generators import minimum_jerk
+from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 FS = 8000.0

@@ -16,10 +16,10 @@ from devices.servers import SLACK, Seen, faded, kept, largest_step, offline, rep
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnknownName, constant
 from stimlib.devices.null import NullSink
-from stimlib.devices.safety import Safety
 from stimlib.devices.sink import CLOSE_WITHIN, Sink
 from stimlib.devices.sources import Live
 from stimlib.motion.generators import minimum_jerk
+from stimlib.run.safety import Safety
 from stimlib.scenes import squeeze
 
 FS = 8000
@@ -365,7 +365,7 @@ sink._close_now, sink._close = sink._close, lambda: (time.sleep(0.5), sink._clos
 with sink: sink.wait(20)"""
     path, text = tmp_path / "frames.npz", CHILD
     text = text.replace("1.0)}), 1.0,", "1.0)}), Safety(1.0, fade=0.5),").replace("time.sleep(0.2)", "time.sleep(0.8)")
-    text = "from stimlib.devices.safety import Safety\n" + text + slow
+    text = "from stimlib.run.safety import Safety\n" + text + slow
     child = subprocess.Popen([sys.executable, "-c", text, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()

@@ -34,10 +34,10 @@ from devices.servers import (
 
 import stimlib
 from stimlib import BadValue, SinkError
-from stimlib.devices.safety import Safety
 from stimlib.devices.sink import CLOSE_WITHIN
 from stimlib.devices.sources import Signal, Signals
 from stimlib.motion.generators import minimum_jerk
+from stimlib.run.safety import Safety
 
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 

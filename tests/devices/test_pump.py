@@ -6,8 +6,8 @@ import pytest
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib.devices.engine import Pump
-from stimlib.devices.safety import GAIN, Safety, protect, to_device
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
+from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import squeeze
 
 FS = 8000

@@ -7,7 +7,7 @@ import pytest
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
-from stimlib.devices.safety import GAIN, Safety, Watch, protect, to_device
+from stimlib.run.safety import GAIN, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze
 
 FS = 8000

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
-from .core.graph import kind, pack
-from .core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
-from .errors import BadValue, SceneError, UnknownName
+from ..core.graph import kind, pack
+from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
+from ..errors import BadValue, SceneError, UnknownName
 
 if TYPE_CHECKING:
-    from .targets.jax import Function
+    from ..targets.jax import Function
 
 TARGETS = ("numba", "python", "jax")
 LONGEST = 2**62
@@ -74,7 +74,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
     array([[ 0., 20.]])
     """
     if target == "jax":
-        from .targets.jax import OPTIONS, Function
+        from ..targets.jax import OPTIONS, Function
 
         if unknown := [name for name in options if name not in OPTIONS]:
             raise BadValue(f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}")
@@ -111,9 +111,9 @@ class Processor:
         self.design = design_of(self.program, fs)
         check_memory(self.program, self.design, fs)
         if target == "numba":
-            from .targets.numba import Engine
+            from ..targets.numba import Engine
         else:
-            from .targets.python import Engine  # type: ignore[assignment]
+            from ..targets.python import Engine  # type: ignore[assignment]
         self._engine = Engine(self.program, self.design, fs)
         self._run = self._engine.process
         self.inputs: tuple[str, ...] = tuple(self.program.inputs)
@@ -333,7 +333,7 @@ class Processor:
     @property
     def latency(self) -> dict[tuple[str, str], tuple[float, float]]:
         """(min, max) latency in samples over all paths, by (output, input); noise sources count as inputs."""
-        from .core.response import latency
+        from ..core.response import latency
 
         return latency(self.program, self.design)
 
@@ -365,7 +365,7 @@ class Processor:
         >>> proc.response("y", "x", np.array([10.0]))
         array([2.+0.j])
         """
-        from .core.response import response
+        from ..core.response import response
 
         return response(self, output, input, np.asarray(f, float))
 

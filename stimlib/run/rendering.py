@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .core.bounds import limits
-from .core.graph import NUMBERS
-from .core.scene import Scene
-from .errors import BadValue, FaultError, UnknownName
+from ..core.bounds import limits
+from ..core.graph import NUMBERS
+from ..core.scene import Scene
+from ..errors import BadValue, FaultError, UnknownName
 from .processor import Processor
 
 Array = NDArray[np.float64]
