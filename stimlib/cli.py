@@ -279,7 +279,7 @@ def render_(
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --out squeeze.wav[/]
     """
     with _friendly():
-        from .devices import file
+        from .files import audio as file
         from .run.processor import compile
         from .run.rendering import render
 
@@ -581,14 +581,14 @@ def verify_(
             if wav is not None or motion:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
-            from .devices.log import read_log
+            from .files.log import read_log
 
             result = verify_log(read_log(log), None if scene is None else scene_of(scene))
         else:
             if scene is None or wav is None:
                 raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
             from .checks.verify import verify
-            from .devices import file
+            from .files import audio as file
             from .motion.generators import parse_motion
 
             made = scene_of(scene)
@@ -622,8 +622,8 @@ def replay(
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     with _friendly():
-        from .devices.log import read_log
-        from .devices.log import replay as replay_log
+        from .files.log import read_log
+        from .files.log import replay as replay_log
 
         result = replay_log(read_log(log), out)
         print(result)
@@ -641,7 +641,7 @@ def recover(
     [bold]stimlib recover squeeze.wav[/]
     """
     with _friendly():
-        from .devices.file import recover as recover_file
+        from .files.audio import recover as recover_file
 
         print(recover_file(file, out))
 
@@ -664,7 +664,7 @@ def render_set_(
     [bold]stimlib render-set bumps/[/]
     """
     with _friendly():
-        from .devices.batch import render_set
+        from .files.batch import render_set
         from .motion.generators import parse_motion
         from .scenes import bumps, bumps_set
 

@@ -31,7 +31,7 @@ from stimlib.blocks.table import Lut
 from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
 from stimlib.core.maths import copy, where, words
 from stimlib.core.maths import modes as modes_sum
-from stimlib.devices import file
+from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, squeeze, viscoelastic
 from stimlib.targets import numba as target

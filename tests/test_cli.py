@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib.cli import app, scene_of
-from stimlib.devices import file
+from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk, sinusoid
 
 run = CliRunner()
@@ -405,7 +405,7 @@ def test_play_with_outputs_of_different_units(tmp_path):
 
 @pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
-    from stimlib.devices.log import delivered, read_log, replay
+    from stimlib.files.log import delivered, read_log, replay
 
     log = tmp_path / "a.stimlog"
     words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]

@@ -104,7 +104,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
         if rendering.outputs != tuple(scene.outputs) or shown.shape[:1] != (len(scene.outputs),) or shown.dtype != np.float64:
             raise BadValue(f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one float64 row for each")
     else:
-        from ..devices import file
+        from ..files import audio as file
 
         shown, sidecar = file.read(rendering)
         fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])

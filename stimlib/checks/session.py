@@ -9,8 +9,8 @@ import numpy as np
 from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
-from ..devices.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
 from ..errors import BadValue, SinkError
+from ..files.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
 from ..run.safety import Watch, protect, to_device
 from .evidence import Check, Evidence, at_first, keep_taps, with_taps
 from .noise import generator, noise
@@ -29,7 +29,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
     Parameters
     ----------
     log : Log
-        Of ``stimlib.devices.log.read_log``.
+        Of ``stimlib.files.log.read_log``.
     scene : Scene, optional
         What is expected to have been played.
 

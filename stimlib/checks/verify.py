@@ -157,7 +157,7 @@ def same_samples(e: Evidence) -> list[Check]:
         wrong = int(np.sum(e.shown.view(np.uint64) != cut.view(np.uint64)))
         checks.append(Check("b", "delivered = re-render", wrong, 0, "samples whose bits differ"))
     else:
-        from ..devices import file
+        from ..files import audio as file
 
         stored = file.stored(cut, e.sidecar)
         wrong = int(np.sum(e.shown.view(np.uint64) != stored.view(np.uint64)))

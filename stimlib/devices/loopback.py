@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
+from ..files.log import delivered, read_log
 from ..run.safety import Safety
 from .engine import _native
 from .jack import INSTALL, JackSink, _jack
-from .log import delivered, read_log
 
 ROUND_TRIP = 1.0
 """Longest delay of a cable, in s, that is searched for."""

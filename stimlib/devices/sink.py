@@ -225,7 +225,7 @@ class Sink:
     params : dict of str to float, optional
         Live numbers that differ from the scene's, from the first sample on.
     log : path or object, optional
-        Folder for the session's log (``stimlib.devices.log``), or an object with the methods of its ``LogWriter``.
+        Folder for the session's log (``stimlib.files.log``), or an object with the methods of its ``LogWriter``.
     realtime : bool, optional
         Lock memory and keep the garbage collector away while it plays, with one warning where that is not permitted.
         By default only devices with a clock of their own do.
@@ -634,7 +634,7 @@ class Sink:
         if self._log_to is None:
             return None
         if isinstance(self._log_to, (str, os.PathLike)):
-            from .log import LogWriter
+            from ..files.log import LogWriter
 
             return LogWriter(self._log_to, self.header())
         return self._log_to

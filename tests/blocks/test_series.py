@@ -78,7 +78,7 @@ def test_mistakes():
 
 
 def test_a_run_beyond_the_horizon_is_a_warning(tmp_path):
-    from stimlib.devices import file
+    from stimlib.files import audio as file
 
     scene = Scene({"f": springpot_series(y, CHI, 0.5, k=K, tol=1e-6, horizon=0.5)})
     motion = {"y": np.zeros(1000)}

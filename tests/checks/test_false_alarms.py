@@ -12,8 +12,8 @@ from stimlib.blocks import delay, enabled, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
 from stimlib.checks import responses, spectra
 from stimlib.core.graph import reach
-from stimlib.devices import file
 from stimlib.errors import BadValue
+from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.scenes import bumps, squeeze
 

@@ -12,7 +12,7 @@ from stimlib.blocks.modes import PinkNoise
 from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, spectra, verify
 from stimlib.checks.evidence import Check, drive
 from stimlib.checks.report import GROUPS, Report
-from stimlib.devices import file
+from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, squeeze, viscoelastic

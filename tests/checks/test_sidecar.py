@@ -10,7 +10,7 @@ from faults import EDITS, FILE_MOTION, honest_file, verified
 import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
 from stimlib.checks import sidecar as checked
-from stimlib.devices import file
+from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk
 
 

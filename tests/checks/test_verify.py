@@ -11,7 +11,7 @@ import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
 from stimlib.checks.evidence import Check
-from stimlib.devices import file
+from stimlib.files import audio as file
 from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}

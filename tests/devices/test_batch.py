@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib import BadValue, SinkError
 from stimlib.cli import app
-from stimlib.devices import file
-from stimlib.devices.batch import order, render_set
+from stimlib.files import audio as file
+from stimlib.files.batch import order, render_set
 from stimlib.motion.generators import constant_speed
 from stimlib.scenes import bumps, bumps_set
 

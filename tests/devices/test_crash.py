@@ -18,10 +18,10 @@ from stimlib import Input, Scene, constant
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
-from stimlib.devices import file
-from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.null import NullSink
 from stimlib.errors import SinkError
+from stimlib.files import audio as file
+from stimlib.files.log import LogWriter, delivered, header, read_log, replay
 from stimlib.motion.generators import sinusoid
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 

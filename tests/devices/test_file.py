@@ -21,8 +21,8 @@ import soundfile as sf
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import exp, log, lut, sqrt, white_noise
-from stimlib.devices import file
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
+from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk, parse_motion, sinusoid
 from stimlib.scenes import squeeze
 
@@ -319,7 +319,7 @@ def test_progress_bar_only_when_wanted(tmp_path, capsys):
 
 
 def test_import_is_light():
-    code = "import stimlib.devices.file, stimlib.motion.generators, sys; print(sorted(sys.modules))"
+    code = "import stimlib.files.audio, stimlib.motion.generators, sys; print(sorted(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
 

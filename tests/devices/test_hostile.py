@@ -21,10 +21,10 @@ from stimlib.checks.picture import picture
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.core import fields, regular
-from stimlib.devices import file
-from stimlib.devices.batch import render_set
-from stimlib.devices.log import LogWriter, header, read_log, replay
 from stimlib.errors import SinkError, StimlibError
+from stimlib.files import audio as file
+from stimlib.files.batch import render_set
+from stimlib.files.log import LogWriter, header, read_log, replay
 from stimlib.motion.generators import parse_motion, sinusoid
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 

@@ -21,11 +21,11 @@ import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
-from stimlib.devices import file
-from stimlib.devices.log import LogWriter, delivered, header, read_log, replay
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
+from stimlib.files import audio as file
+from stimlib.files.log import LogWriter, delivered, header, read_log, replay
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import bumps, squeeze, viscoelastic
@@ -631,7 +631,7 @@ def test_a_unit_that_would_be_computed_for_hours(small, text):
 
 
 def test_import_is_light():
-    code = "import stimlib.devices.log, sys; print(sorted(sys.modules))"
+    code = "import stimlib.files.log, sys; print(sorted(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import stimlib
-from stimlib.devices import file
 from stimlib.errors import BadValue, RecordingError, StimlibError, UnknownName
+from stimlib.files import audio as file
 from stimlib.motion.recorded import Recording, parse_map, parse_where, recording
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"

@@ -16,10 +16,10 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import equalize, lut
-from stimlib.devices import file
-from stimlib.devices.log import processor, read_log
 from stimlib.devices.null import NullSink
 from stimlib.errors import StimlibError
+from stimlib.files import audio as file
+from stimlib.files.log import processor, read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze, viscoelastic

@@ -17,8 +17,8 @@ import numpy as np
 from devices.servers import Capture, Jackd
 
 import stimlib
-from stimlib.devices import log as logs
 from stimlib.devices.jack import JackSink
+from stimlib.files import log as logs
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 

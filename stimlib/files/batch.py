@@ -16,7 +16,7 @@ from ..core import regular
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..run.processor import compile
-from . import file
+from . import audio as file
 
 
 def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
@@ -33,7 +33,7 @@ def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
 
     Examples
     --------
-    >>> from stimlib.devices.batch import order
+    >>> from stimlib.files.batch import order
     >>> [sorted(o) for o in order(4, 2, seed=1)]
     [[0, 1, 2, 3], [0, 1, 2, 3]]
     """
@@ -76,7 +76,7 @@ def render_set(
     suffix : str
         Format of the files.
     full_scale : float, optional
-        See ``stimlib.devices.file.write``.
+        See ``stimlib.files.audio.write``.
     workers : int, optional
         Processes; by default one for each core.
     progress : bool
@@ -97,7 +97,7 @@ def render_set(
     Examples
     --------
     >>> import tempfile, stimlib
-    >>> from stimlib.devices.batch import render_set
+    >>> from stimlib.files.batch import render_set
     >>> from stimlib.motion.generators import constant_speed
     >>> x = stimlib.Input("x", "m")
     >>> scenes = {f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x}) for k in (100, 200)}

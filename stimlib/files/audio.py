@@ -514,7 +514,7 @@ def stored(y: Array, sidecar: dict[str, Any]) -> Array:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.devices.file import stored
+    >>> from stimlib.files.audio import stored
     >>> stored(np.array([[0.1]]), {"subtype": "PCM_24", "channels": [{"name": "f", "full_scale": 1.0}]})
     array([[0.10000002]])
     """

@@ -39,7 +39,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety, protect, to_device
-from . import file
+from . import audio as file
 from .draft import Draft
 
 SPAN = 0.25  # s of delivered samples under one hash
@@ -122,7 +122,7 @@ class LogWriter:
     A session by hand: what a sink does.
 
     >>> import tempfile, numpy as np, stimlib
-    >>> from stimlib.devices.log import LogWriter, header, read_log, replay
+    >>> from stimlib.files.log import LogWriter, header, read_log, replay
     >>> from stimlib.run.safety import Safety, protect, to_device
     >>> scene, safety = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}), Safety(50.0)
     >>> proc, x = stimlib.compile(protect(scene, safety), fs=8000), np.full((1, 800), 0.01)
