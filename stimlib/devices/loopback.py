@@ -16,8 +16,8 @@ from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..files.log import delivered, read_log
 from ..run.safety import Safety
-from .engine import _native
 from .jack import INSTALL, JackSink, _jack
+from .pump import _native
 
 ROUND_TRIP = 1.0
 """Longest delay of a cable, in s, that is searched for."""

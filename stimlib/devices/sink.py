@@ -1,6 +1,6 @@
 """What every sink shares: the engine around the compiled callback, and the protocol that a device fills in.
 
-A sink owns one session: open, start, stop, close.  The samples are made by ``stimlib/targets/pump.py`` inside the device's
+A sink owns one session: open, start, stop, close.  The samples are made by ``stimlib/devices/callback.py`` inside the device's
 own callback; everything here runs in ordinary threads and talks to it through rings.
 """
 
@@ -30,7 +30,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import Safety, Watch, protect
-from .engine import Pump
+from .pump import Pump
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 
 CLOSE_WITHIN = 2.0
