@@ -16,8 +16,8 @@ _HOME = {
     "Scene": "core.scene", "load": "core.scene",
     "compile": "run.processor", "Processor": "run.processor",
     "verify": "checks.verify",
-    "fit_springpot": "fitting", "fit_generalized_maxwell": "fitting",
-    "fit": "identify",
+    "fit_springpot": "fitting.relaxation", "fit_generalized_maxwell": "fitting.relaxation",
+    "fit": "fitting.scene",
     "render": "run.rendering", "Rendering": "run.rendering", "stream": "run.rendering",
     "limits": "core.bounds",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
         UnitError,
         UnknownName,
     )
-    from .fitting import fit_generalized_maxwell, fit_springpot
-    from .identify import fit
+    from .fitting.relaxation import fit_generalized_maxwell, fit_springpot
+    from .fitting.scene import fit
     from .run.processor import Processor, compile
     from .run.rendering import Rendering, render, stream
 

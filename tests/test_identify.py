@@ -12,7 +12,7 @@ from scipy import signal, stats
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName
 from stimlib.blocks import first_order, pink_noise, spring, springpot, velocity, white_noise
-from stimlib.identify import Range, _log_psd
+from stimlib.fitting.scene import Range, _log_psd
 from stimlib.scenes import bumps
 
 FS, N = 1000, 600

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .core.scene import Scene
-from .errors import BadValue, UnknownName
-from .fitting import _intervals
-from .run.processor import compile
-from .run.rendering import frames_of, positions, sources_of
+from ..core.scene import Scene
+from ..errors import BadValue, UnknownName
+from ..run.processor import compile
+from ..run.rendering import frames_of, positions, sources_of
+from .relaxation import _intervals
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band
@@ -92,7 +92,7 @@ def welch(x: Any, fs: float, segment: int) -> Any:
     --------
     >>> import jax, numpy as np
     >>> from scipy import signal
-    >>> from stimlib.identify import welch
+    >>> from stimlib.fitting.scene import welch
     >>> x = np.random.default_rng(0).standard_normal(5000)
     >>> with jax.enable_x64(True):
     ...     ours = welch(x, 1000.0, 256)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .core.graph import Block
-from .errors import BadValue, SinkError
+from ..core.graph import Block
+from ..errors import BadValue, SinkError
 
 ONSETS = ("rest", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
@@ -58,7 +58,7 @@ def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> n
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting import springpot_force
+    >>> from stimlib.fitting.relaxation import springpot_force
     >>> t = np.array([0.0, 0.5, 0.7, 4.0])
     >>> springpot_force(t, 0.1 * t, 100.0, 0.5).round(6)  # 100 * 0.1 * 2 sqrt(t/pi)
     array([ 0.      ,  7.978846,  9.440697, 22.567583])
@@ -103,7 +103,7 @@ def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
 
     Examples
     --------
-    >>> from stimlib.fitting import maxwell_force
+    >>> from stimlib.fitting.relaxation import maxwell_force
     >>> maxwell_force([0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]).round(4)
     array([0.    , 1.5   , 1.1839, 1.    ])
     """
@@ -236,7 +236,7 @@ def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> 
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting import thin
+    >>> from stimlib.fitting.relaxation import thin
     >>> t = np.arange(100_000) / 5000
     >>> short, y = thin(t, np.minimum(t, 0.1), start=0.1)
     >>> short.size, float(y[-1].round(9))
@@ -392,7 +392,7 @@ class SpringpotFit(Fit):
         Block
             Force in N.
         """
-        from .blocks.fractional import springpot
+        from ..blocks.fractional import springpot
 
         return springpot(y, self.chi, self.alpha, **options)
 
@@ -427,7 +427,7 @@ class MaxwellFit(Fit):
         Block
             Force in N.
         """
-        from .blocks.relaxation import generalized_maxwell
+        from ..blocks.relaxation import generalized_maxwell
 
         return generalized_maxwell(y, self.k0, self.arms, **options)
 
@@ -468,7 +468,7 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting import fit_springpot, springpot_force
+    >>> from stimlib.fitting.relaxation import fit_springpot, springpot_force
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
     >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal(t.size)
@@ -551,7 +551,7 @@ def fit_generalized_maxwell(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting import fit_generalized_maxwell, maxwell_force
+    >>> from stimlib.fitting.relaxation import fit_generalized_maxwell, maxwell_force
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)
     >>> fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1), (30.0, 5.0)]), arms=2)
