@@ -8,7 +8,7 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.checks.am import envelope_mean_square, rms
+from stimlib.analysis.am import envelope_mean_square, rms
 from stimlib.scenes import bumps
 
 # [pair]

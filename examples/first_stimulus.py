@@ -41,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plot", metavar="FILE", help="also draw the motion, the forces and their spectra")
     if (path := parser.parse_args().plot) is not None:
-        from stimlib.checks.picture import picture
+        from stimlib.analysis.picture import picture
 
         picture(result, path)
 

@@ -302,7 +302,7 @@ def render_(
                 text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
                 _say("[bold yellow]note:[/]", f"{text}: write it with a full scale of about {1.01 * top:.3g}")
         if picture is not None:
-            from .checks.picture import picture as draw
+            from .analysis.picture import picture as draw
 
             draw(render(made, motions, fs, min(length, 10.0), values, seed), picture)
 
@@ -703,7 +703,7 @@ def show(
         print(shown(made))
         print(shown(compile(made, fs, target="python").plan))
         if draw is not None:
-            from .checks.draw import draw as draw_graph
+            from .analysis.draw import draw as draw_graph
 
             draw_graph(made, draw)
         if save is not None:

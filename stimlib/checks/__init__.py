@@ -1,5 +1,5 @@
 """Looking at a scene, and checking that what it makes is right."""
 
-from .draw import draw
+from ..analysis.draw import draw
 
 __all__ = ["draw"]

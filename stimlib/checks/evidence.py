@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, reach
 from ..core.program import ROOT, lower
@@ -18,7 +19,7 @@ from ..core.scene import Scene
 from ..errors import BadValue
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering, positions, sources_of
-from . import laws, spectra
+from . import laws
 from .responses import RESPONSES, SHAPES, Law
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report

@@ -6,13 +6,14 @@ import dataclasses as dc
 
 import numpy as np
 
+from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, Input, Param, reach, signals
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import compile
-from . import laws, spectra
+from . import laws
 from .evidence import FEWEST, Check, Evidence, Tap
 
 GENERATOR = 1e-13  # of two computations of a normal deviate

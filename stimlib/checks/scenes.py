@@ -203,10 +203,10 @@ def _bumps(e: Evidence) -> list[Check]:
 
     Equalised, it is that times d_max/d between the last two places; limited, it is scaled, or clipped, or both.
     """
+    from ..analysis import am
     from ..blocks.carrier import Bump, Carrier
     from ..blocks.maps import Maximum, Minimum
     from ..blocks.table import Lut, Polynomial
-    from . import am
 
     blocks = reach(e.scene.outputs.values())
     envelope: Any = next(b for b in blocks if isinstance(b, Bump))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib.checks.am import carrier_series, envelope_mean_square, envelope_series, line_spectrum, rms, sampled_rms
+from stimlib.analysis.am import carrier_series, envelope_mean_square, envelope_series, line_spectrum, rms, sampled_rms
 from stimlib.errors import BadValue
 from stimlib.scenes.bumps import bumps
 

@@ -8,9 +8,10 @@ from scipy import stats
 
 import stimlib
 from stimlib import Input, Scene
+from stimlib.analysis import spectra
 from stimlib.blocks import delay, enabled, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
-from stimlib.checks import responses, spectra
+from stimlib.checks import responses
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue
 from stimlib.files import audio as file

@@ -8,8 +8,9 @@ import pytest
 from contract import TABLE
 
 import stimlib
+from stimlib.analysis import spectra
 from stimlib.blocks.modes import PinkNoise
-from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, spectra, verify
+from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, verify
 from stimlib.checks.evidence import Check, drive
 from stimlib.checks.report import GROUPS, Report
 from stimlib.files import audio as file

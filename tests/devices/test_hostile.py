@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
+from stimlib.analysis import draw
+from stimlib.analysis.picture import picture
 from stimlib.blocks import white_noise
-from stimlib.checks import draw
-from stimlib.checks.picture import picture
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.core import fields, regular

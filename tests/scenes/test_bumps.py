@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from laws import assert_same, cut_at, random_cuts, run, some_sets
 
 import stimlib
-from stimlib.checks.am import rms, sampled_rms
+from stimlib.analysis.am import rms, sampled_rms
 from stimlib.errors import BadValue, UnknownName
 from stimlib.scenes.bumps import Stimulus, bumps, bumps_set
 

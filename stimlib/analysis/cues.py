@@ -94,7 +94,7 @@ def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prom
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.checks.cues import cues
+    >>> from stimlib.analysis.cues import cues
     >>> t = np.arange(5432) / 1000
     >>> y = 0.01 + 0.01 * np.sin(2 * np.pi * t)
     >>> f = 300 * y + 5 * 0.01 * 2 * np.pi * np.cos(2 * np.pi * t)  # a spring and a damper

@@ -118,7 +118,7 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     --------
     >>> import numpy as np
     >>> from scipy import stats
-    >>> from stimlib.checks.spectra import weighted_p
+    >>> from stimlib.analysis.spectra import weighted_p
     >>> p = weighted_p(np.ones(8), np.full(8, 3.0))  # their sum is Gamma distributed
     >>> bool(abs(p / (2 * stats.gamma.sf(24, 8)) - 1) < 0.02)
     True

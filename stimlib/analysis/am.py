@@ -37,7 +37,7 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.checks.am import envelope_series
+    >>> from stimlib.analysis.am import envelope_series
     >>> abs(envelope_series("square", 0.5, np.arange(4))).round(4)
     array([0.5   , 0.3183, 0.    , 0.1061])
     """
@@ -82,7 +82,7 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.checks.am import carrier_series
+    >>> from stimlib.analysis.am import carrier_series
     >>> carrier_series("half", np.array([0, 1, 2])).round(4)
     array([ 0.3183+0.j  ,  0.    -0.25j, -0.1061+0.j  ])
     """
@@ -115,7 +115,7 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
 
     Examples
     --------
-    >>> from stimlib.checks.am import envelope_mean_square
+    >>> from stimlib.analysis.am import envelope_mean_square
     >>> [round(envelope_mean_square(w, 0.5), 6) for w in ("square", "sine", "sawtooth")]
     [0.5, 0.25, 0.166667]
     """
@@ -154,7 +154,7 @@ def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None 
 
     Examples
     --------
-    >>> from stimlib.checks.am import rms
+    >>> from stimlib.analysis.am import rms
     >>> rms("square", 0.5, 4.0), rms("sine", 0.5, 4.0)  # table 6.1: 1.41 V, 1 V
     (1.4142135623730951, 1.0)
     """
@@ -184,7 +184,7 @@ def sampled_rms(
 
     Examples
     --------
-    >>> from stimlib.checks.am import rms, sampled_rms
+    >>> from stimlib.analysis.am import rms, sampled_rms
     >>> round(sampled_rms("square", 0.2, 1.0, 18.0, 158.0, 8000.0) / rms("square", 0.2), 5)
     0.99813
     """
@@ -219,7 +219,7 @@ def meeting(waveform: str, duty: float, rate: float, freq: float, fs: float, sec
 
     Examples
     --------
-    >>> from stimlib.checks.am import meeting
+    >>> from stimlib.analysis.am import meeting
     >>> meeting("square", 0.5, 10.0, 158.0, 8000.0, 1.0) < 1e-3, meeting("square", 0.5, 10.0, 5.0, 8000.0, 1.0) > 0.1
     (True, True)
     """
@@ -281,7 +281,7 @@ def line_spectrum(
 
     Examples
     --------
-    >>> from stimlib.checks.am import line_spectrum
+    >>> from stimlib.analysis.am import line_spectrum
     >>> lines = line_spectrum("sine", 0.5, 4.0, rate=10.0, freq=158.0, top=200.0)
     >>> lines.f[abs(lines.amplitude) > 0.1]
     array([  0.,  10.,  20., 138., 148., 158., 168., 178.])

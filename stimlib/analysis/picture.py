@@ -30,7 +30,7 @@ def picture(rendering: Rendering, path: str | os.PathLike) -> None:
     Examples
     --------
     >>> import pathlib, tempfile, stimlib
-    >>> from stimlib.checks.picture import picture
+    >>> from stimlib.analysis.picture import picture
     >>> from stimlib.motion.generators import minimum_jerk
     >>> squeezed = stimlib.render(stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}, fs=8000, seconds=1.0)
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "squeeze.png"
