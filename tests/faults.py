@@ -34,7 +34,7 @@ from stimlib.core.maths import modes as modes_sum
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, squeeze, viscoelastic
-from stimlib.targets import numba as target
+from stimlib.targets.numba import engine as target
 
 U = np.uint64
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.015, rise=0.25)}

@@ -171,7 +171,7 @@ for target in ("numba", "python"):
 
 EDITS = """
 import json, os, runpy, sys
-import stimlib.targets.numba
+import stimlib.targets.numba.engine
 for text in json.load(open("texts.json")):
     open("mine.py", "w").write(text)
     if not (pid := os.fork()):  # a process of its own, without the time to start one

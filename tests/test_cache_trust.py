@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from test_cache import environment
 
-from stimlib.targets import cache
+from stimlib.targets.numba import cache
 
 RUN = """
 import hashlib, os, sys, threading
@@ -209,7 +209,7 @@ DAMAGE = {
 FORKS = (
     RUN
     + """
-import stimlib.targets.numba
+import stimlib.targets.numba.engine
 for folder in sys.argv[1:]:
     pid = os.fork()
     if not pid:

@@ -23,8 +23,8 @@ from stimlib.checks.agreement import agreement
 from stimlib.core import maths
 from stimlib.core.graph import registry
 from stimlib.core.maths import where
-from stimlib.targets import blockforms, recurrence, traced
-from stimlib.targets import jax as jax_target
+from stimlib.targets.jax import blockforms, recurrence, traced
+from stimlib.targets.jax import function as jax_target
 
 TABLE = {e.name: e for e in contract.TABLE}
 N = 3000

@@ -14,7 +14,7 @@ import stimlib
 from stimlib import Scene
 from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
-from stimlib.targets import native
+from stimlib.targets.numba import native
 
 SPECIAL = [
     0.0, -0.0, 1.0, -1.0, 0.5, 2.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e-200, -1e-200,

@@ -1,6 +1,6 @@
 """The only mathematics a step may use: each function here is THE definition, in plain Python, with one rounding.
 
-``targets/native.py`` holds, under the same names, what compiled code does; ``tests/test_maths.py`` checks that both
+``targets/numba/native.py`` holds, under the same names, what compiled code does; ``tests/test_maths.py`` checks that both
 give the same bits.  numpy scalars go in and come out, so that 1/0 is inf and never an exception.
 
 Long sums (a filter's taps, a bank of modes) are **eight partial sums**, index mod 8, added as

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
-from stimlib.targets.native import I8, at, data, f8_at, i8_at, plain, run
+from stimlib.targets.numba.native import I8, at, data, f8_at, i8_at, plain, run
 
 # the program
 ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FADE = range(12)

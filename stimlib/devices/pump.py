@@ -29,9 +29,9 @@ REASONS = ("stop", "fault", "error", "close")
 
 @cache
 def _native() -> ModuleType:
-    from ..targets import numba
+    from ..targets.numba.cache import load
 
-    return numba.load((Path(__file__).parents[1] / "targets" / "pump.py").read_text(), "pump")
+    return load(Path(__file__).with_name("callback.py").read_text(), "pump")
 
 
 # The compiled pump and its memory ------------------------------------------------------------------------------------
@@ -67,7 +67,7 @@ class Pump:
 
         place = self.address_of
         entry, context = proc.address
-        program = proc._engine.ctx  # see targets/runtime.py
+        program = proc._engine.ctx  # see targets/numba/runtime.py
         ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * n.CHUNK)))
         rows = max(inputs, 1)
         integers = np.int64
@@ -121,7 +121,7 @@ class Pump:
         return int(ctypes.cast(getattr(self._libc, name), ctypes.c_void_p).value or 0)
 
     def read(self, word: str) -> int:
-        """A word of the context, by its name in ``targets/pump.py``."""
+        """A word of the context, by its name in ``devices/callback.py``."""
         return int(self.words[getattr(self.native, word)])
 
     def write(self, word: str, value: int) -> None:
@@ -149,7 +149,7 @@ class Pump:
 
     @property
     def state(self) -> int:
-        """IDLE, RUNNING, DONE or CLOSED of ``targets/pump.py``."""
+        """IDLE, RUNNING, DONE or CLOSED of ``devices/callback.py``."""
         return self.read("STATE")
 
     @property

@@ -14,7 +14,7 @@ from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first
 from ..errors import BadValue, SceneError, UnknownName
 
 if TYPE_CHECKING:
-    from ..targets.jax import Function
+    from ..targets.jax.function import Function
 
 TARGETS = ("numba", "python", "jax")
 LONGEST = 2**62
@@ -46,7 +46,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
         Sample rate in Hz.
     target : {"numba", "python", "jax"}
         The compiler, or the reference interpreter, of a streaming processor; both give the same bits.  Or JAX, for whole signals:
-        equal to rounding, see ``stimlib.targets.jax.Function``.
+        equal to rounding, see ``stimlib.targets.jax.function.Function``.
     seed : int
         Key of all noise of this run, besides each source's own seed.
     dtype : {"float64", "float32"}
@@ -56,7 +56,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
 
     Returns
     -------
-    Processor, or stimlib.targets.jax.Function
+    Processor, or stimlib.targets.jax.function.Function
 
     Raises
     ------
@@ -74,7 +74,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
     array([[ 0., 20.]])
     """
     if target == "jax":
-        from ..targets.jax import OPTIONS, Function
+        from ..targets.jax.function import OPTIONS, Function
 
         if unknown := [name for name in options if name not in OPTIONS]:
             raise BadValue(f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}")
@@ -111,7 +111,7 @@ class Processor:
         self.design = design_of(self.program, fs)
         check_memory(self.program, self.design, fs)
         if target == "numba":
-            from ..targets.numba import Engine
+            from ..targets.numba.engine import Engine
         else:
             from ..targets.python import Engine  # type: ignore[assignment]
         self._engine = Engine(self.program, self.design, fs)

@@ -182,7 +182,7 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 
 
 def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:
-    """Frames as a device gets them: what ``targets/pump.py`` does, for replay and tests.
+    """Frames as a device gets them: what ``devices/callback.py`` does, for replay and tests.
 
     Parameters
     ----------

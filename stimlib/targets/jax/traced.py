@@ -18,8 +18,8 @@ import numpy as np
 from jax import lax
 from jax.extend import core
 
-from ..core import maths
-from ..errors import SceneError
+from ...core import maths
+from ...errors import SceneError
 
 # The twins -----------------------------------------------------------------------------------------------------------
 SILENT, TINY, F = maths.SILENT, maths.TINY, maths.F

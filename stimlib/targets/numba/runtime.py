@@ -2,7 +2,7 @@
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.native import F8, I8, address, as_i8, at, call, data, f8_at, i8_at, move, run
+from stimlib.targets.numba.native import F8, I8, address, as_i8, at, call, data, f8_at, i8_at, move, run
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
 #      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen

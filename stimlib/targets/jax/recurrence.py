@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jax.extend import core
 
-from ..errors import SceneError
+from ...errors import SceneError
 from . import traced
 
 FREE, LINEAR, CURVED = 0, 1, 2  # how a value depends on a state

@@ -16,17 +16,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..blocks import fractional as pot
-from ..blocks import noise
-from ..blocks.carrier import QUARTER, WORD, Carrier, fold, rectified, sinpi
-from ..blocks.delay import Delay
-from ..blocks.fir import Fir
-from ..blocks.gate import Gate
-from ..blocks.modes import Modes, PinkNoise
-from ..blocks.relaxation import KelvinChain, MaxwellArms
-from ..blocks.series import Series
-from ..core.graph import AtLeast, Block, Greater, Guard
-from ..core.program import lead
+from ...blocks import fractional as pot
+from ...blocks import noise
+from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified, sinpi
+from ...blocks.delay import Delay
+from ...blocks.fir import Fir
+from ...blocks.gate import Gate
+from ...blocks.modes import Modes, PinkNoise
+from ...blocks.relaxation import KelvinChain, MaxwellArms
+from ...blocks.series import Series
+from ...core.graph import AtLeast, Block, Greater, Guard
+from ...core.program import lead
 from . import traced
 from .recurrence import SHORT
 
@@ -151,7 +151,7 @@ def pink(b, p, s, x, run):
     """As modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
-    from ..design import minimax
+    from ...design import minimax
 
     live = p.r != 0
     e = p.e[live]

@@ -15,10 +15,10 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..core import maths, steps
-from ..core.graph import kind, memo, pack
-from ..core.program import PARAMS, ROOT, Program
-from ..errors import SceneError
+from ...core import maths, steps
+from ...core.graph import kind, memo, pack
+from ...core.program import PARAMS, ROOT, Program
+from ...errors import SceneError
 from .cache import load
 
 TILE = 64
@@ -33,7 +33,7 @@ def _runtime() -> types.ModuleType:
 _HEAD = """from collections import namedtuple as _sl_namedtuple
 import numpy as _sl_np
 from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
-from stimlib.targets import native as _sl
+from stimlib.targets.numba import native as _sl
 """  # every name of ours begins with _sl: users choose theirs freely
 
 

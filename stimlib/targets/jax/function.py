@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..blocks.gate import Gate
-from ..core.graph import Block, Compare, Const, Param
-from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
-from ..errors import BadValue, SceneError, UnknownName
-from ..run.processor import rate
-from ..run.rendering import warn_beyond
+from ...blocks.gate import Gate
+from ...core.graph import Block, Compare, Const, Param
+from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
+from ...errors import BadValue, SceneError, UnknownName
+from ...run.processor import rate
+from ...run.rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
 

@@ -33,8 +33,8 @@ import llvmlite.binding
 import numba
 import platformdirs
 
-from ..core import maths, regular
-from ..errors import SinkError
+from ...core import maths, regular
+from ...errors import SinkError
 from . import native
 
 SUMS = "sha256.json"
