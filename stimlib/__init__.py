@@ -9,7 +9,7 @@ Scene(x [m] -> force [N])
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from .version import __version__ as __version__
 
 _HOME = {
     "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
@@ -20,15 +20,17 @@ _HOME = {
     "fit": "fitting.scene",
     "render": "run.rendering", "Rendering": "run.rendering", "stream": "run.rendering",
     "limits": "core.bounds",
+    "draw": "analysis.draw",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
 }  # fmt: skip
-_ROOMS = ("core", "blocks", "scenes", "devices", "checks")
+_ROOMS = ("core", "design", "blocks", "scenes", "motion", "run", "files", "devices", "fitting", "analysis", "checks")
 
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import blocks, checks, core, devices, scenes
+    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, run, scenes
+    from .analysis.draw import draw
     from .checks.verify import verify
     from .core.bounds import limits
     from .core.graph import Block, Input, Param, constant, enabled

@@ -58,3 +58,9 @@ class UnknownName(StimlibError, KeyError):
     def __str__(self) -> str:
         # KeyError shows the repr of its argument, which would put quotes around a whole sentence
         return shown(Exception.__str__(self))
+
+
+def place(f: object) -> str:
+    """File and line of a function, as an error begins."""
+    code = getattr(f, "__code__", None)
+    return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""

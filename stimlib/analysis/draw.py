@@ -66,7 +66,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from stimlib.analysis import draw
+    >>> from stimlib.analysis.draw import draw
     >>> from stimlib.scenes import squeeze
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder) / "squeeze.svg"

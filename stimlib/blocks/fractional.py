@@ -1,7 +1,8 @@
 """The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha = 1), with all of its history.
 
 The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j d[n-j].  The newest eight weights are
-taps, the others exponential modes (``stimlib.design.exponentials``), so a sample costs the same in the first second and after hours.
+taps, the others exponential modes (``stimlib.design.exponentials``), so a sample costs the same in the first second and after
+hours.
 """
 
 from __future__ import annotations

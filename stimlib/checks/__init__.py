@@ -1,5 +1,1 @@
-"""Looking at a scene, and checking that what it makes is right."""
-
-from ..analysis.draw import draw
-
-__all__ = ["draw"]
+"""Is what was rendered or displayed what the model says?"""

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..core.scene import Scene
 from ..errors import BadValue
+from ..motion.source import Motion, positions, sources_of
 from ..run.processor import Processor, compile
-from ..run.rendering import Motion, positions, sources_of
 
 
 @dataclass(frozen=True)

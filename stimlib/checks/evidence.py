@@ -17,8 +17,9 @@ from ..core.graph import Block, Enabled, reach
 from ..core.program import ROOT, lower
 from ..core.scene import Scene
 from ..errors import BadValue
+from ..motion.source import positions, sources_of
 from ..run.processor import Processor, compile
-from ..run.rendering import Rendering, positions, sources_of
+from ..run.rendering import Rendering
 from . import laws
 from .responses import RESPONSES, SHAPES, Law
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import shown
 from ..files import audio as file
+from ..version import __version__
 from .evidence import Check, Evidence
 
 # what is held, and what is for the reader alone

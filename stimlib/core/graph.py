@@ -17,11 +17,10 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, UnitError
+from ..errors import BadValue, SceneError, StimlibError, UnitError, place
 from . import units as un
 from .maths import copy, where
 from .operators import NUMBERS, Refusals, functions, no_numpy, power
-from .steps import place
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)

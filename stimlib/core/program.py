@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import SceneError, StimlibError
+from ..errors import BadValue, SceneError, StimlibError, place
 from . import steps
 from . import units as un
 from .bounds import limits
@@ -290,7 +291,7 @@ def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
             except Exception as e:
                 if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
                     raise
-                raise SceneError(f"{steps.place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
+                raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
             steps.check_design(cls, pair)
             p, s = pair
             known(cls, getattr(cls.tile or cls.step, "__code__", None), type(p), type(s))
@@ -320,3 +321,36 @@ def first_states(program: Program, design: list[tuple[Any, Any]], seed: int) -> 
     with np.errstate(all="ignore"):
         w = [pack(q.block.start(p, s, seed)) for q, (p, s) in zip(program.instances, design, strict=True) if q.kind == "block"]
     return np.concatenate(w) if w else np.zeros(0, np.uint64)
+
+
+def rate(fs: Any) -> float:
+    """A sample rate in Hz; BadValue unless it is a finite number above 0."""
+    fs = number(fs, "fs")
+    if not (math.isfinite(fs) and fs > 0):
+        raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
+    return fs
+
+
+def number(v: Any, what: str) -> float:
+    try:
+        if isinstance(v, (str, bytes)):
+            raise TypeError
+        return float(v)
+    except OverflowError:
+        raise BadValue(f"{what} is too large: numbers end at 1.8e308") from None
+    except (TypeError, ValueError):
+        raise BadValue(f"{what} must be a number, got {v!r}") from None
+
+
+def warn_beyond(program: Program, fs: float, frames: int) -> None:
+    """Warn where a run is longer than the horizon up to which a block keeps its tolerance."""
+    for q in program.instances:
+        horizon = getattr(q.block, "horizon", None)
+        if horizon is not None and frames / fs > horizon:
+            warnings.warn(
+                f"{q.block!r}: the run of {frames / fs:g} s is longer than horizon = {horizon:g} s, up to which its "
+                "tolerance holds; beyond, the error grows: give a longer horizon",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+            return

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import SceneError, UnknownName
 from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub, pack, unpack
 from .program import Program
-
-if TYPE_CHECKING:
-    from ..run.processor import Processor
 
 
 def backward(z: np.ndarray) -> np.ndarray:
@@ -60,13 +57,14 @@ def latency(program: Program, design: list[tuple[Any, Any]]) -> dict[tuple[str, 
     return found
 
 
-def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.ndarray:
-    """See ``Processor.response``."""
-    program, design = proc.program, proc.design
+def response(
+    program: Program, design: list[tuple[Any, Any]], fs: float, params: dict[str, float], output: str, source: str, f: np.ndarray
+) -> np.ndarray:
+    """Complex gain from a source to an output at f (Hz), with parameters as they stand: see ``Processor.response``."""
     for name, known in ((output, program.outputs), (source, _sources(program))):
         if name not in known:
             raise UnknownName(f"no {name!r}; there is {', '.join(known) or 'none'}")
-    z = np.exp(2j * np.pi * f / proc.fs)
+    z = np.exp(2j * np.pi * f / fs)
     start = _sources(program)[source]
     H: dict[int, Any] = {start: np.ones_like(z)}  # of what the source reaches
     value: dict[int, float] = {}  # of what is constant
@@ -83,7 +81,7 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
         if isinstance(b, Const):
             value[i] = b.value
         elif isinstance(b, Param):
-            value[i] = proc.params[b.name]
+            value[i] = params[b.name]
         elif isinstance(b, Map) and type(b).step is not None and q.args and all(a in value for a in q.args):
             p, s = (unpack(t, pack(t)) for t in design[i])  # numpy's numbers: a division by 0 is inf
             with np.errstate(all="ignore"):
@@ -92,7 +90,7 @@ def response(proc: Processor, output: str, source: str, f: np.ndarray) -> np.nda
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
             parts = [H.get(a) for a in q.args]
-            H[i] = _through(b, design[i][0], proc.fs, z, parts, [value.get(a) for a in q.args])
+            H[i] = _through(b, design[i][0], fs, z, parts, [value.get(a) for a in q.args])
             if H[i] is None:
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError
+from ..errors import SceneError, place
 from . import maths
+from .graph import signals
 
 _WORDS = {
     ast.Pow: "** differs between targets: multiply, or use maths.sqrt / exp / log",
@@ -133,7 +134,7 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
                 target = None
             if not _callable_in_step(target):
                 if ast.unparse(g).startswith("stimlib."):
-                    short = ast.unparse(g).split(".", 1)[1]
+                    short = "maths." + ast.unparse(g).rpartition(".")[2]
                     refuse(node, f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class, and {short} here")
                 refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and helpers like itself")
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
@@ -145,12 +146,6 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
 
 
 # A whole block ---------------------------------------------------------------------------------------------------------
-def place(f: Any) -> str:
-    """File and line of a function, as an error begins."""
-    code = getattr(f, "__code__", None)
-    return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
-
-
 def check_design(cls: type, made: Any) -> None:
     """Raise SceneError unless ``design`` gave parameters and state that every target can keep in flat memory."""
     pair = made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
@@ -183,8 +178,8 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     name = "tile" if cls.tile is not None else "step"  # type: ignore[attr-defined]
     f = getattr(cls, name)
     if f is None:
-        raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(_signals(cls))})")
-    wanted = ["p", "s", *_signals(cls), *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
+        raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(signals(cls))})")
+    wanted = ["p", "s", *signals(cls), *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
 
     def refuse(line: int, why: str) -> None:
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
@@ -222,12 +217,6 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
             refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, the sample and {new}")
         if name == "tile" and (v is None or _empty(v, s_type)):
             refuse(getattr(end, "lineno", 1) + offset, f"it must fill y and return {new}")
-
-
-def _signals(cls: type) -> tuple[str, ...]:
-    from .graph import signals
-
-    return signals(cls)
 
 
 def _called(g: ast.expr, f: Callable) -> Any:

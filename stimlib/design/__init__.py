@@ -1,0 +1,1 @@
+"""Numbers that blocks are designed with: minimax fits, sums of exponentials."""

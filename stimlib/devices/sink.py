@@ -25,11 +25,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from .. import __version__
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import Safety, Watch, protect
+from ..version import __version__
 from .pump import Pump
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 

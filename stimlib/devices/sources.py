@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue
-from ..run.rendering import check_names, positions, sources_of
+from ..motion.source import check_names, positions, sources_of
 
 AHEAD = 0.5
 """Seconds that a scripted hand is computed before its samples run."""

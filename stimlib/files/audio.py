@@ -23,12 +23,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..core import fields, regular
 from ..core.bounds import limits
+from ..core.program import warn_beyond
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
+from ..motion.source import check_names, frames_of, sources_of
 from ..run.processor import Processor
-from ..run.rendering import check_names, fault_text, frames_of, pull, sources_of, warn_beyond
+from ..run.rendering import fault_text, pull
+from ..version import __version__
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
 Array = NDArray[np.float64]
@@ -210,7 +212,7 @@ def write(
     if not (isinstance(progress, bool) or progress == "always"):
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
     _check_place(path, _sidecar(path), overwrite)
-    warn_beyond(proc, frames)
+    warn_beyond(proc.program, proc.fs, frames)
     if proc.fault is not None:
         name, index = proc.fault
         raise FaultError(f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path} was not written")

@@ -32,13 +32,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..core import fields, regular
 from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety, protect, to_device
+from ..version import __version__
 from . import audio as file
 from .draft import Draft
 

@@ -1,0 +1,1 @@
+"""Numbers from measurements: materials from tests, parameters of scenes from recordings."""

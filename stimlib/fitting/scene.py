@@ -16,8 +16,8 @@ import numpy as np
 
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
+from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
-from ..run.rendering import frames_of, positions, sources_of
 from .relaxation import _intervals
 
 SEGMENTS = 16  # the fewest of a Welch estimate

@@ -1,0 +1,1 @@
+"""What drives the inputs: functions of time, recordings, samples."""

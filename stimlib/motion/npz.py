@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.bounds import limits
 from ..errors import RecordingError
-from .table import Array, Batch, Rows, table_error
+from .batch import Array, Batch, Rows, table_error
 
 SAVE = "save arrays of numbers with numpy.savez"
 EQUAL = "save one-dimensional arrays of equal length"

@@ -17,10 +17,11 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import BadValue, UnknownName, shown
+from .batch import Array
 from .cubics import cubics
 from .generators import Motion
 from .reports import Mask, Series, check_gaps, check_period, hold_silences, joined, lifts, series
-from .table import Array, Table, read_table
+from .table import Table, read_table
 
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 

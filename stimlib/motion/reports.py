@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue
+from .batch import Array, Batch, Rows
 from .expression import Linear, expression
-from .table import Array, Batch, Rows, Table
+from .table import Table
 
 Mask = NDArray[np.bool_]
 

@@ -11,39 +11,20 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import regular
 from ..core.bounds import limits
 from ..errors import BadValue, RecordingError
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+from .batch import Array, Batch, Rows, table_error
+from .npz import read_npz
 
 EMPTY = "give a file with a line of column names and at least two rows"
 PIECE = 1 << 20  # bytes of text that are read at once
 BATCH = 10_000  # rows of the exact reader
 LONGEST = 1 << 17  # characters of a line of the fast reader; the exact one takes longer lines, but no longer fields
-
-
-class Batch(Protocol):
-    """Some rows of a table."""
-
-    @property
-    def rows(self) -> Rows:
-        """Their numbers in messages."""
-        ...
-
-    def numbers(self, columns: Sequence[str]) -> Array:
-        """All cells of these columns, shape (columns, rows); ValueError where one is not a number."""
-        ...
-
-    def texts(self, column: str) -> Sequence[str]:
-        """All cells of a column."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -78,11 +59,6 @@ class Table:
 
     def number(self, text: str) -> float | None:
         return number(text.replace(self.decimal, "."))
-
-
-def table_error(file: str, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
-    place = file + ("" if row is None else f", row {row}") + ("" if column is None else f", column {column}")
-    return RecordingError(f"{place}: {problem}; {remedy}")
 
 
 def number(text: str) -> float | None:
@@ -141,8 +117,6 @@ def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table
     if not data[:PIECE].strip() and not data.strip():
         raise table_error(file, "the file is empty", EMPTY)
     if file.lower().endswith(".npz"):
-        from .npz import read_npz
-
         names, most, batches = read_npz(file, data)
         return Table(file, digest, names, most, batches)
     return _read_csv(file, digest, data)

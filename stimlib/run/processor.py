@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 import numpy as np
 
 from ..core.graph import kind, pack
-from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, program_of
+from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
 from ..errors import BadValue, SceneError, UnknownName
 
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ class Processor:
         """
         if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
-        value, ramp = _number(value, f"set({name!r}): value"), _number(ramp, f"set({name!r}): ramp")
+        value, ramp = number(value, f"set({name!r}): value"), number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
         if not (math.isfinite(ramp * self.fs) and ramp >= 0):
@@ -367,26 +367,7 @@ class Processor:
         """
         from ..core.response import response
 
-        return response(self, output, input, np.asarray(f, float))
-
-
-def rate(fs: Any) -> float:
-    """A sample rate in Hz; BadValue unless it is a finite number above 0."""
-    fs = _number(fs, "fs")
-    if not (math.isfinite(fs) and fs > 0):
-        raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
-    return fs
-
-
-def _number(v: Any, what: str) -> float:
-    try:
-        if isinstance(v, (str, bytes)):
-            raise TypeError
-        return float(v)
-    except OverflowError:
-        raise BadValue(f"{what} is too large: numbers end at 1.8e308") from None
-    except (TypeError, ValueError):
-        raise BadValue(f"{what} must be a number, got {v!r}") from None
+        return response(self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float))
 
 
 class PlanRow(NamedTuple):

@@ -3,108 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import inf, isfinite
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.bounds import limits
-from ..core.graph import NUMBERS
+from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, UnknownName
+from ..motion.source import Array, Motion, frames_of, positions, sources_of
 from .processor import Processor
 
-Array = NDArray[np.float64]
-Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
-"""Input name to position: a function of time (array of s), or samples at fs."""
 FAULTS = ("warn", "raise", "ignore")
-
-
-def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
-    """Raise UnknownName, listing what is wrong and what was expected, unless the names are the same."""
-    wrong = [f"{n} is missing" for n in expected if n not in given]
-    wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
-    if wrong:
-        raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
-
-
-def frames_of(seconds: float, fs: float) -> int:
-    """Whole samples of a duration; BadValue unless finite and at least one."""
-    if not isinstance(seconds, NUMBERS):
-        raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
-    try:
-        frames = float(seconds) * fs
-    except OverflowError:
-        frames = inf
-    if not isfinite(frames) or round(frames) < 1:
-        raise BadValue(f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs = {fs:g} Hz")
-    return round(frames)
-
-
-def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
-    """Functions and float64 arrays, one per input, in the processor's order."""
-    if not isinstance(motion, Mapping):
-        kind = type(motion).__name__
-        raise BadValue(f"motion must map each input name to a function of time or an array, got {kind}")
-    check_names("motion", motion, inputs, "input")
-    sources = {}
-    for name in inputs:
-        source = motion[name]
-        if not callable(source):
-            try:
-                source = np.asarray(source)
-            except (TypeError, ValueError):  # rows of several lengths
-                source = np.array("")
-            if source.dtype.kind not in "iuf":
-                raise BadValue(f"motion of {name} must be a function of time or an array of real numbers, got {source.dtype}")
-            source = source.astype(np.float64, copy=False)
-            if source.ndim != 1 or len(source) < frames:
-                raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
-        sources[name] = source
-    return sources
-
-
-def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
-    """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
-    x = np.empty((len(sources), stop - start))
-    t = np.arange(start, stop) / fs
-    for row, (name, source) in zip(x, sources.items(), strict=True):
-        if callable(source):
-            values = np.asarray(source(t.copy()))
-            if values.shape != t.shape or values.dtype.kind not in "iuf":
-                raise BadValue(
-                    f"motion of {name} must give one number per time: {t.shape} float64 in, {values.shape} {values.dtype} out"
-                )
-            row[:] = values
-        else:
-            row[:] = source[start:stop]
-        if not np.isfinite(row).all():
-            at = start + int(np.flatnonzero(~np.isfinite(row))[0])
-            raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
-    return x
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
     """What a fault is, what became of it, and where to look."""
     remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
-
-
-def warn_beyond(proc: Processor, frames: int) -> None:
-    """Warn where a run is longer than the horizon up to which a block keeps its tolerance."""
-    for q in proc.program.instances:
-        horizon = getattr(q.block, "horizon", None)
-        if horizon is not None and frames / proc.fs > horizon:
-            warnings.warn(
-                f"{q.block!r}: the run of {frames / proc.fs:g} s is longer than horizon = {horizon:g} s, up to which its "
-                "tolerance holds; beyond, the error grows: give a longer horizon",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-            return
 
 
 def pull(proc: Any, sources: dict[str, Any], frames: int, block: int) -> Iterator[Array]:
@@ -263,7 +181,7 @@ def render(
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)
     limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
-    warn_beyond(proc, frames)
+    warn_beyond(proc.program, proc.fs, frames)
     y = np.empty((len(proc.outputs), frames))
     at = 0
     for part in pull(proc, sources, frames, 8192):

@@ -1,1 +1,1 @@
-"""How a scene runs: the reference interpreter (python) and the streaming compiler (numba)."""
+"""How a scene runs: the reference interpreter (python), the streaming compiler (numba), functions of whole signals (jax)."""

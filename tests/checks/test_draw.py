@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from stimlib import Input, Param, Scene, compile, constant, enabled
-from stimlib.analysis import draw
+from stimlib.analysis.draw import draw
 from stimlib.analysis.draw import SPACE, _Picture
 from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
 from stimlib.core.program import lower
@@ -90,7 +90,7 @@ def test_processor_and_scene_give_the_same_picture(tmp_path):
 
 def test_the_users_matplotlib_is_left_alone(tmp_path):
     code = (
-        "import sys, matplotlib; from stimlib.analysis import draw; from stimlib.scenes import squeeze\n"
+        "import sys, matplotlib; from stimlib.analysis.draw import draw; from stimlib.scenes import squeeze\n"
         "matplotlib.rcParams['font.size'] = 33; before = [*dict.items(matplotlib.rcParams)]\n"
         f"draw(squeeze(), {str(tmp_path / 'a.svg')!r})\n"
         "assert [*dict.items(matplotlib.rcParams)] == before and 'matplotlib.pyplot' not in sys.modules"

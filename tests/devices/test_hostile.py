@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.analysis import draw
+from stimlib.analysis.draw import draw
 from stimlib.analysis.picture import picture
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log

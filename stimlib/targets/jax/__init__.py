@@ -1,0 +1,1 @@
+"""Functions of whole signals, for batches and gradients."""

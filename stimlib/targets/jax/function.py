@@ -18,10 +18,8 @@ import numpy as np
 
 from ...blocks.gate import Gate
 from ...core.graph import Block, Compare, Const, Param
-from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of
+from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of, rate, warn_beyond
 from ...errors import BadValue, SceneError, UnknownName
-from ...run.processor import rate
-from ...run.rendering import warn_beyond
 from .blockforms import LOWERINGS, Run, running, spread
 from .recurrence import run_step
 
@@ -153,7 +151,7 @@ class Function:
                     raise BadValue(f"live number {name!r} is not finite{at}")
             key = _key("key", self.seed if key is None else key)
             size = _length({**motion, **params, **gates}, n)
-            warn_beyond(self, size)  # type: ignore[arg-type]  # it asks for program and fs alone
+            warn_beyond(self.program, self.fs, size)
             if size:
                 signals = self._jitted(params, motion, key, gates, n=size, wanted=wanted)
             else:

@@ -1,0 +1,1 @@
+"""The streaming compiler, its cache and the runtime in which segments run."""

@@ -1,0 +1,34 @@
+"""Some rows of a table, of whatever format, and how an error in one begins."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RecordingError
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+class Batch(Protocol):
+    """Some rows of a table."""
+
+    @property
+    def rows(self) -> Rows:
+        """Their numbers in messages."""
+        ...
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        """All cells of these columns, shape (columns, rows); ValueError where one is not a number."""
+        ...
+
+    def texts(self, column: str) -> Sequence[str]:
+        """All cells of a column."""
+        ...
+
+
+def table_error(file: str, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
+    place = file + ("" if row is None else f", row {row}") + ("" if column is None else f", column {column}")
+    return RecordingError(f"{place}: {problem}; {remedy}")

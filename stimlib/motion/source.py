@@ -1,0 +1,81 @@
+"""What drives the inputs of a scene: functions of time, or samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.graph import NUMBERS
+from ..errors import BadValue, UnknownName
+
+Array = NDArray[np.float64]
+Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
+"""Input name to position: a function of time (array of s), or samples at fs."""
+
+
+def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
+    """Raise UnknownName, listing what is wrong and what was expected, unless the names are the same."""
+    wrong = [f"{n} is missing" for n in expected if n not in given]
+    wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
+    if wrong:
+        raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
+
+
+def frames_of(seconds: float, fs: float) -> int:
+    """Whole samples of a duration; BadValue unless finite and at least one."""
+    if not isinstance(seconds, NUMBERS):
+        raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
+    try:
+        frames = float(seconds) * fs
+    except OverflowError:
+        frames = inf
+    if not isfinite(frames) or round(frames) < 1:
+        raise BadValue(f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs = {fs:g} Hz")
+    return round(frames)
+
+
+def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
+    """Functions and float64 arrays, one per input, in the processor's order."""
+    if not isinstance(motion, Mapping):
+        kind = type(motion).__name__
+        raise BadValue(f"motion must map each input name to a function of time or an array, got {kind}")
+    check_names("motion", motion, inputs, "input")
+    sources = {}
+    for name in inputs:
+        source = motion[name]
+        if not callable(source):
+            try:
+                source = np.asarray(source)
+            except (TypeError, ValueError):  # rows of several lengths
+                source = np.array("")
+            if source.dtype.kind not in "iuf":
+                raise BadValue(f"motion of {name} must be a function of time or an array of real numbers, got {source.dtype}")
+            source = source.astype(np.float64, copy=False)
+            if source.ndim != 1 or len(source) < frames:
+                raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
+        sources[name] = source
+    return sources
+
+
+def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
+    """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
+    x = np.empty((len(sources), stop - start))
+    t = np.arange(start, stop) / fs
+    for row, (name, source) in zip(x, sources.items(), strict=True):
+        if callable(source):
+            values = np.asarray(source(t.copy()))
+            if values.shape != t.shape or values.dtype.kind not in "iuf":
+                raise BadValue(
+                    f"motion of {name} must give one number per time: {t.shape} float64 in, {values.shape} {values.dtype} out"
+                )
+            row[:] = values
+        else:
+            row[:] = source[start:stop]
+        if not np.isfinite(row).all():
+            at = start + int(np.flatnonzero(~np.isfinite(row))[0])
+            raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
+    return x

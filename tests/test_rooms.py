@@ -1,0 +1,64 @@
+"""The rooms of the house: imports point one way, and nobody takes what a module of another room keeps for itself."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+STIMLIB = Path(__file__).parents[1] / "stimlib"
+ORDER = "errors version core design blocks targets motion run scenes files devices fitting analysis checks cli".split()
+MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
+
+
+def imports(module: str) -> set[tuple[str, str]]:
+    """(module, name) of everything that a module imports of stimlib, also inside functions and for type checkers."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+        if isinstance(node, ast.ImportFrom):
+            target = node.module or ""
+            if node.level:
+                target = ".".join([*module.split(".")[: -node.level], *filter(None, [node.module])])
+            elif target.split(".")[0] == "stimlib":
+                target = target.partition(".")[2]
+            else:
+                continue
+            for a in node.names:
+                full = f"{target}.{a.name}" if target else a.name
+                found.add((full, "") if full in MODULES or f"{full}.__init__" in MODULES else (target, a.name))
+    return found
+
+
+def room(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def test_every_room_has_its_floor():
+    assert {room(m) for m in MODULES} - {"__init__"} == set(ORDER)
+
+
+@pytest.mark.parametrize("module", sorted(MODULES.keys() - {"__init__"}))
+def test_imports_point_down(module):
+    for target, name in imports(module):
+        assert target, f"{module} imports {name} from the package itself"
+        if room(target) != room(module):
+            assert ORDER.index(room(target)) < ORDER.index(room(module)), f"{module} imports {target} from above"
+            assert name == "__version__" or not f".{name}".startswith("._"), (
+                f"{module} takes {name}, which {target} keeps for itself"
+            )
+
+
+def test_no_module_imports_itself_by_a_detour():
+    way: list[str] = []
+    done: set[str] = set()
+
+    def walk(module: str) -> None:
+        assert module not in way, " -> ".join([*way[way.index(module) :], module])
+        if module in done or module not in MODULES:
+            return
+        way.append(module)
+        for target, _ in imports(module):
+            walk(target)
+        done.add(way.pop())
+
+    for module in MODULES.keys() - {"__init__"}:
+        walk(module)
