@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import signal
 import warnings
 
 import pytest
@@ -9,6 +10,16 @@ from hypothesis import HealthCheck, settings
 
 settings.register_profile("stimlib", derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 settings.load_profile("stimlib")
+
+
+# Signals: a shell's background jobs and nohup ignore some, and what is started here would inherit that and never end.
+for number, usual in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGTERM, signal.SIG_DFL),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, usual)
 
 
 # JACK ----------------------------------------------------------------------------------------------------------------

@@ -6,8 +6,7 @@ import sys
 import pytest
 
 from stimlib import Input, Param, Scene, compile, constant, enabled
-from stimlib.analysis.draw import draw
-from stimlib.analysis.draw import SPACE, _Picture
+from stimlib.analysis.draw import SPACE, _Picture, draw
 from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
 from stimlib.core.program import lower
 from stimlib.errors import BadValue, SinkError
