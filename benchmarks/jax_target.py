@@ -92,7 +92,7 @@ def in_64_bits(f, *args):
 
 
 def gradients():
-    """All live numbers of a scene at once: reverse mode against the run itself, and against differences with the processor."""
+    """All parameters of a scene at once: reverse mode against the run itself, and against differences with the processor."""
     rows = []
     n = 1 << 16
     t = np.arange(n) / FS

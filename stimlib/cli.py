@@ -132,7 +132,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _live(items: list[str]) -> dict[str, float]:
-    """Live numbers of --set."""
+    """Parameters of --set."""
     return {name: _number(name, text) for name, text in _pairs(items, "--set").items()}
 
 
@@ -264,7 +264,7 @@ def render_(
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     set_: Annotated[
-        list[str], typer.Option("--set", help="A live number for the whole file, such as [bold]k=2000[/]; may be repeated.")
+        list[str], typer.Option("--set", help="A parameter for the whole file, such as [bold]k=2000[/]; may be repeated.")
     ] = [],  # noqa: B006
     seed: Annotated[int, typer.Option(help="Key of all noise.")] = 0,
     full_scale: Annotated[
@@ -325,7 +325,7 @@ SLEW = typer.Option(help="Fastest change, in units of the outputs per second; of
 CHANNELS = typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
 CONNECT = typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable.")
 LOG = typer.Option("--log", help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
-LIVE = typer.Option("--set", help="A live number for the whole session, such as [bold]k=2000[/]; may be repeated.")
+LIVE = typer.Option("--set", help="A parameter for the whole session, such as [bold]k=2000[/]; may be repeated.")
 SEED = typer.Option(help="Key of all noise.")
 RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
 
@@ -692,7 +692,7 @@ def show(
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
 ):
-    """What a scene runs: its inputs, live numbers and plan, and its graph as a picture.
+    """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
@@ -712,7 +712,7 @@ def show(
 
 @app.command("list")
 def list_():
-    """The shipped scenes, with their live numbers, and the motions that render understands."""
+    """The shipped scenes, with their parameters, and the motions that render understands."""
     with _friendly():
         from .motion.generators import GENERATORS
 

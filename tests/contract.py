@@ -98,7 +98,7 @@ class Entry:
         return self.make(*(Input(n, self.unit) for n in self.inputs))
 
     def scene(self, **more) -> Scene:
-        """The block as output y, and times a live number as output z."""
+        """The block as output y, and times a parameter as output z."""
         block = self.block()
         return Scene({"y": block, "z": Param("live", 1.25) * block, **more})
 

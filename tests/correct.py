@@ -1,4 +1,4 @@
-"""Correct renderings of every kind, drawn at random: scenes, rates from 1 to 192 kHz, tolerances, seeds, hands, live numbers."""
+"""Correct renderings of every kind, drawn at random: scenes, rates from 1 to 192 kHz, tolerances, seeds, hands, parameters."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple

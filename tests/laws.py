@@ -35,7 +35,7 @@ class Set:
 
 
 def some_sets(proc, n, rng, count=4):
-    """Calls of ``set`` at random samples, on live numbers of a processor."""
+    """Calls of ``set`` at random samples, on parameters of a processor."""
     names = list(proc.params)
     if not names or n == 0:
         return []

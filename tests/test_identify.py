@@ -198,7 +198,7 @@ def test_bumps_get_the_rms_of_others():
 # What cannot be done -------------------------------------------------------------------------------------------------
 gate = Scene({"y": (y > Param("place", 0.005, "m")) * Param("gain", 2.0)})
 WRONG = {
-    "no live number 'q'; this scene has k, b": (static, X, {"q": 1.0}, {}),
+    "no parameter 'q'; this scene has k, b": (static, X, {"q": 1.0}, {}),
     "start of 0": (static, X, {"k": 0.0}, {}),
     "between 0 and 1": (static, X, {"k": (3.0, 0, 1)}, {}),
     "not at an end": (static, X, {"k": (0, 0, 1)}, {}),

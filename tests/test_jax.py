@@ -68,7 +68,7 @@ def smooth(e):
     return e.inputs and e.name not in EDGES and "enabled" not in e.name
 
 
-# of each class one, and what lives on live numbers or contact
+# of each class one, and what lives on parameters or contact
 ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e)}.values()
 ONES = {*ONES, *(name for name in TABLE if re.search("live|contact", name))}
 
@@ -105,7 +105,7 @@ def test_derivatives_along_the_inputs(name):
 @settings(max_examples=30 if STRESS else 3, phases=[Phase.generate])
 @given(generated(), st.integers(0, 5))
 def test_generated_graphs(scene, seed):
-    """Gates within gates, faults and live numbers as the other laws have them."""
+    """Gates within gates, faults and parameters as the other laws have them."""
     proc = stimlib.compile(scene, 1000.0, seed=seed)
     x = motion(np.random.default_rng(seed), LENGTH)
     inputs = {"x1": x[0], "x2": x[1]}
@@ -420,7 +420,7 @@ NUMBERS = {
 
 @pytest.mark.parametrize("kind", NUMBERS)
 def test_numbers_of_any_kind(kind):
-    """As motion, live number and gate: what numpy makes of them; and one number as motion holds throughout."""
+    """As motion, parameter and gate: what numpy makes of them; and one number as motion holds throughout."""
     x, k, k_ = Input("x"), Param("k", 1.0), NUMBERS[kind]
     f = stimlib.compile(Scene({"y": k * x, "z": b.where(x > 0.5, 1.0, 0.0)}), 1000, "jax")
     wanted = np.asarray(k_, float)
@@ -448,18 +448,18 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
-        (dict(params={"b": 1.0}), UnknownName, "no live number 'b'; this scene has k"),
+        (dict(params={"b": 1.0}), UnknownName, "no parameter 'b'; this scene has k"),
         (dict(motion={"x": np.ones(3), "z": np.ones(3)}), UnknownName, "no input 'z'"),
         (dict(motion={}), UnknownName, "lacks the input 'x'"),
         (dict(motion=np.ones((2, 3))), BadValue, r"array \(1, n\)"),
         (dict(params={"k": np.ones(4)}), BadValue, "one length"),
         (dict(params={"k": np.ones(1)}), BadValue, "got x: 3, k: 1"),
-        (dict(params={"k": np.ones((2, 3))}), BadValue, r"live number 'k'.*shape \(2, 3\).*jax.vmap"),
-        (dict(params={"k": np.nan}), BadValue, "live number 'k' is not finite"),
-        (dict(params={"k": [1.0, np.inf, 1.0]}), BadValue, "live number 'k' is not finite at sample 1"),
-        (dict(params={"k": "2"}), BadValue, "live number 'k' must be"),
-        (dict(params={"k": None}), BadValue, "live number 'k' must be"),
-        (dict(params={"k": 2j}), BadValue, "live number 'k' must be"),
+        (dict(params={"k": np.ones((2, 3))}), BadValue, r"parameter 'k'.*shape \(2, 3\).*jax.vmap"),
+        (dict(params={"k": np.nan}), BadValue, "parameter 'k' is not finite"),
+        (dict(params={"k": [1.0, np.inf, 1.0]}), BadValue, "parameter 'k' is not finite at sample 1"),
+        (dict(params={"k": "2"}), BadValue, "parameter 'k' must be"),
+        (dict(params={"k": None}), BadValue, "parameter 'k' must be"),
+        (dict(params={"k": 2j}), BadValue, "parameter 'k' must be"),
         (dict(params=2.0), BadValue, "params must be a dict"),
         (dict(motion={"x": np.ones((3, 1))}), BadValue, r"input 'x'.*shape \(3, 1\).*jax.vmap"),
         (dict(motion={"x": np.ones((3, 1)) * 1j}), BadValue, "input 'x' must be real"),

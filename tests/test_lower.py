@@ -220,7 +220,7 @@ def test_counting_ends_where_there_are_too_many(monkeypatch):
 
 @pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
 def test_the_count_of_copies_is_exact(entry, monkeypatch):
-    """A scene passes a limit of as many blocks as it has, live numbers and constants apart, and not one fewer."""
+    """A scene passes a limit of as many blocks as it has, parameters and constants apart, and not one fewer."""
     outputs = entry.scene().outputs
     program = lower(outputs)
     copies = sum(not isinstance(q.block, (Param, Const)) for q in program.instances)

@@ -1,4 +1,4 @@
-"""The processor: messages, `out`, live numbers, latency, response, plan."""
+"""The processor: messages, `out`, parameters, latency, response, plan."""
 
 import ctypes
 import threading

@@ -113,7 +113,7 @@ class _Box:
 
 @dc.dataclass(eq=False)
 class _Level:
-    """The boxes of one clock (the top level: of the root and the live numbers)."""
+    """The boxes of one clock (the top level: of the root and the parameters)."""
 
     clock: int
     boxes: list[_Box] = dc.field(default_factory=list)
@@ -196,7 +196,7 @@ class _Picture:
             self.shift(b, by)
 
     def needs(self, box: _Box) -> list[tuple[int, int]]:
-        """(instance, column) of everything that comes into a box, also of live numbers for what is inside."""
+        """(instance, column) of everything that comes into a box, also of parameters for what is inside."""
         if not box.inner:
             return [(a, box.first) for a in self.sources(box.number)]
         own = {b.number for b in box.inner.boxes}
@@ -398,7 +398,7 @@ class _Ink:
         for clock in range(len(self.picture.program.parents)):
             if clock == PARAMS and not self.picture.program.params:
                 continue
-            word = ("live numbers", "every sample", f"enabled {clock - ROOT}: only while its gate is open")[min(clock, 2)]
+            word = ("parameters", "every sample", f"enabled {clock - ROOT}: only while its gate is open")[min(clock, 2)]
             self.rectangle(x, height - MARGIN - 0.07, 0.2, 0.13, _colour(clock), INK, 3)
             self.word(x + 0.27, height - MARGIN, word, SMALL, PALE, "left")
             x += 0.55 + _width(word, SMALL)

@@ -28,7 +28,7 @@ WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
 SAMPLINGS = ("area", "point")
 RECTIFY = (None, "half", "full")
 LEAST = 1e-6
-"""Smallest duty of a live number."""
+"""Smallest duty of a parameter."""
 
 # sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1: relative errors below 1e-16
 P0, P1, P2, P3 = 3.141592653589793, -5.167712780049969, 2.5501640398773007, -0.5992645293189447
@@ -416,7 +416,7 @@ def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) ->
     waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like, shape (m,)
         A table has m >= 2 values in 0 .. 1.
     duty : float or Block
-        Part of the period that is ridge, above 0, at most 1.  A live number or signal is held in 1e-6 .. 1.
+        Part of the period that is ridge, above 0, at most 1.  A parameter or signal is held in 1e-6 .. 1.
     sampling : {"area", "point"}
         "point" takes e(u[n]), with its aliases, for comparison.
     contact : Block
@@ -602,7 +602,7 @@ def carrier(freq, rectify: str | None = None, phase: float = 0.0, contact=1.0) -
     Parameters
     ----------
     freq : float or Block
-        In Hz.  A live number or signal is held in 0 .. fs/2.
+        In Hz.  A parameter or signal is held in 0 .. fs/2.
     rectify : {None, "half", "full"}
         The whole wave; its positive part; its absolute value.
     phase : float

@@ -70,7 +70,7 @@ def agreement(
     n : int, optional
         Samples; by default those of the shortest array.
     params : dict of str to float, optional
-        Live numbers from the first sample on.
+        Parameters from the first sample on.
     seed : int
         Of the run.
     dtype : {"float64", "float32"}
@@ -82,7 +82,7 @@ def agreement(
     Raises
     ------
     BadValue, UnknownName
-        Inputs missing, too short or not finite; live numbers that the scene does not have; a run without samples.
+        Inputs missing, too short or not finite; parameters that the scene does not have; a run without samples.
 
     Examples
     --------

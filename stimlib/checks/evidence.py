@@ -154,12 +154,12 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
 
 
 def at_first(proc: Processor, changes: list[tuple[int, str, float, float]]) -> dict[str, float]:
-    """The live numbers of a new processor at its first sample: those that a change sets at once, and where ramps begin."""
+    """The parameters of a new processor at its first sample: those that a change sets at once, and where ramps begin."""
     return dict(proc.params) | {name: value for at, name, value, ramp in changes if at == 0 and ramp * proc.fs <= 1}
 
 
 def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:
-    """The live numbers as they were when the rendering began: set at once, or along the ramps that were logged."""
+    """The parameters as they were when the rendering began: set at once, or along the ramps that were logged."""
     if sidecar is None:
         for name, value in params.items():
             proc.set(name, value, ramp=0.0)
@@ -222,7 +222,7 @@ def change(proc: Processor, changes: list[tuple[int, str, float, float]], at: in
 
 
 def drive(proc: Processor, x: np.ndarray, changes: list[tuple[int, str, float, float]], start: int = 0) -> np.ndarray:
-    """The outputs for the motion of samples from start on, live numbers set where they were."""
+    """The outputs for the motion of samples from start on, parameters set where they were."""
     end = start + x.shape[1]
     edges = sorted({start, end} | {c[0] for c in changes if start < c[0] < end})
     y = np.empty((len(proc.outputs), end - start))
@@ -233,7 +233,7 @@ def drive(proc: Processor, x: np.ndarray, changes: list[tuple[int, str, float, f
 
 
 def live(e: Evidence, name: str) -> np.ndarray:
-    """A live number at every sample, its ramps written again as straight lines."""
+    """A parameter at every sample, its ramps written again as straight lines."""
     n = e.x.shape[1]
     y, changes = np.full(n, e.params[name]), [c for c in e.changes if c[1] == name and c[0] < n]
     for k, (at, _, target, ramp) in enumerate(changes):

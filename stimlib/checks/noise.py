@@ -40,7 +40,7 @@ def generator(e: Evidence) -> list[Check]:
     for t in e.taps:
         want = _fed(t, e, known)
         if want is None:
-            e.skipped.append(f"samples of {t.name} in {t.output}: a live number, a gate or another generator is in it")
+            e.skipped.append(f"samples of {t.name} in {t.output}: a parameter, a gate or another generator is in it")
             continue
         apart = float(np.abs(t.stream - want).max(initial=0.0) / (np.abs(want).max(initial=0.0) or 1.0))
         text = f"its filter fed with that generator, {t.stream.size} samples"

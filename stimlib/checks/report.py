@@ -118,7 +118,7 @@ def _page(r: Report, command: str | None) -> str:
     skipped = "".join(f"<li>{q(t)}</li>" for t in e.skipped) or "<li>nothing</li>"
     facts = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
-        "live numbers": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
+        "parameters": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
         "numbers of the scene": "; ".join(e.numbers) or "none that a law reads",
         "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()),
         "seed": str(e.seed),

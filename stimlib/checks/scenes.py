@@ -191,11 +191,11 @@ def _gain(root: Block, spring: Block) -> float:
 
 
 def _factor_of(name: str, blocks: list[Block]) -> float:
-    """The plain number that a live number is multiplied with."""
+    """The plain number that a parameter is multiplied with."""
     for b in blocks:
         if isinstance(b, Mul) and isinstance(b.a, Const) and isinstance(b.b, Param) and b.b.name == name:
             return b.a.value
-    raise SceneError(f"no plain number is multiplied with the live number {name!r}")
+    raise SceneError(f"no plain number is multiplied with the parameter {name!r}")
 
 
 def _bumps(e: Evidence) -> list[Check]:

@@ -22,8 +22,8 @@ from .verify import limits_kept, linear_blocks, same_samples
 def verify_log(log: Log, scene: Scene | None = None) -> Report:
     """Prove the delivered samples of a session from its log.
 
-    The scene is run again on the logged motion, with the live numbers set where they were. Its samples are verified like those
-    of a rendering: blocks, noise, limits, and the law of the scene, which follows the live numbers by itself. Passed through a
+    The scene is run again on the logged motion, with the parameters set where they were. Its samples are verified like those
+    of a rendering: blocks, noise, limits, and the law of the scene, which follows the parameters by itself. Passed through a
     safety stage of their own, the samples must be those that were delivered, in every bit, and these must have the logged hashes.
 
     Parameters
@@ -133,7 +133,7 @@ def _delivered(e: Evidence, log: Log) -> list[Check]:
         Check("b", "log: replay = these samples made safe", differ, 0, "delivered samples whose bits differ"),
         Check("b", "log: motion as it was written", changed, 0, f"hashes that differ, of {rows}"),
         Check("b", "log: all samples are there", missing, 0, "samples produced, and not in the log"),
-        Check("e", "log: units as the scene's", units, 0, "inputs, outputs, live numbers"),
+        Check("e", "log: units as the scene's", units, 0, "inputs, outputs, parameters"),
     ]
     lost = sum(n for _, n in log.lost)
     counts = {"produced": end, "delivered": end - lost, "lost": lost}

@@ -43,7 +43,7 @@ def says(e: Evidence) -> list[Check]:
         "units": ([c["unit"] for c in channels], [str(b.dim) for b in e.scene.outputs.values()]),
         "peaks": ([c.get("peak") for c in channels], np.abs(signal).max(axis=1, initial=0.0).tolist()),
         "scene": (_hash(told.get("scene")), e.scene.hash),
-        "live numbers": (told.get("params"), e.proc.params),
+        "parameters": (told.get("params"), e.proc.params),
         "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
         "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
         "keys of channels": ([sorted(c) for c in channels], [sorted(keys)] * len(channels)),

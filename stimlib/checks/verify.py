@@ -48,7 +48,7 @@ def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     Raises
     ------
     BadValue
-        A file of another scene, sample rate or set of live numbers; motion that does not fit.
+        A file of another scene, sample rate or set of parameters; motion that does not fit.
     SinkError
         A damaged file or sidecar.
 

@@ -361,7 +361,7 @@ class ParamState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Param(Block):
-    """A live number: a signal that ``Processor.set`` changes, at once or along a ramp.
+    """A parameter: a signal that ``Processor.set`` changes, at once or along a ramp.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from . import units as un
 from .bounds import limits
 from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
 
-PARAMS, ROOT = 0, 1  # clocks: live numbers, always; the sample clock.  Each enabled adds one.
+PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled adds one.
 
 
 def lead(fs: float) -> int:
@@ -238,7 +238,7 @@ def _layout(graph: _Graph, roots: list[int]):
 
 
 def _home(b: Block, clock: int) -> int:
-    """Live numbers and constants belong to no clock but their own, whoever asks for them."""
+    """Parameters and constants belong to no clock but their own, whoever asks for them."""
     return PARAMS if isinstance(b, (Param, Const)) else clock
 
 

@@ -58,7 +58,7 @@ class Scene:
 
     @property
     def params(self) -> dict[str, Param]:
-        """Live numbers by name."""
+        """Parameters by name."""
         return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Param)}
 
     def __repr__(self):

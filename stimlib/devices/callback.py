@@ -119,7 +119,7 @@ def event(c, at_, kind, a, b, d):
 
 @plain
 def set_param(c, i, slot, value, ramp):
-    """From sample i on, send a live number towards a value (its bits) over so many samples."""
+    """From sample i on, send a parameter towards a value (its bits) over so many samples."""
     q = at(i8_at(c[PENDING]), 4 * slot)
     q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
     event(c, i, SET, slot, value, ramp)

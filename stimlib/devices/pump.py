@@ -167,7 +167,7 @@ class Pump:
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
-        """Ask for a live number's change over ``ramp`` samples; False when the ring is full."""
+        """Ask for a parameter's change over ``ramp`` samples; False when the ring is full."""
         bits = int(np.float64(value).view(np.int64))
         return bool(self.native.put_command(self.words, self.native.SET, self.slots[name], bits, ramp))
 

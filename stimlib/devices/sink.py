@@ -223,7 +223,7 @@ class Sink:
     seed : int
         Key of all noise.
     params : dict of str to float, optional
-        Live numbers that differ from the scene's, from the first sample on.
+        Parameters that differ from the scene's, from the first sample on.
     log : path or object, optional
         Folder for the session's log (``stimlib.files.log``), or an object with the methods of its ``LogWriter``.
     realtime : bool, optional
@@ -518,12 +518,12 @@ class Sink:
 
     # While it plays ----------------------------------------------------------------------------------------------
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a live number from the next block on; the log has the sample.  A session that has faded out keeps it as it was.
+        """Change a parameter from the next block on; the log has the sample.  A session that has faded out keeps it as it was.
 
         Parameters
         ----------
         name : str
-            One of the scene's live numbers.
+            One of the scene's parameters.
         value : float
         ramp : float
             Seconds; 0 jumps.
@@ -548,7 +548,7 @@ class Sink:
 
     def _need_live(self, name: str) -> None:
         if name not in self.scene.params:  # the fade is not theirs to set
-            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
+            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
 
     def push(self, x: np.ndarray) -> int:
         """Columns of a live motion, one per sample.

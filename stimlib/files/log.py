@@ -3,9 +3,9 @@
 A log is a folder:
 
 ``session.json``
-    what was compiled: the scene, seed, live numbers, safety stage, channels, versions
+    what was compiled: the scene, seed, parameters, safety stage, channels, versions
 ``events.jsonl``
-    one JSON object a line: live numbers that were set, frames that were lost, hashes of what was delivered and of the motion
+    one JSON object a line: parameters that were set, frames that were lost, hashes of what was delivered and of the motion
 ``motion.f64``
     the motion as the processor saw it: float64, little-endian, all inputs of sample 0, then of sample 1, ...
 ``delivered.caf``
@@ -319,7 +319,7 @@ def header(
     fs : float
         Hz.
     seed, params
-        Of the run; params are live numbers that differ from the scene's at the start.
+        Of the run; params are parameters that differ from the scene's at the start.
     channels : list of str or None, optional
         The output of each channel of the device, None for silence; by default every output in order.
     device, block, started
@@ -439,7 +439,7 @@ class Log:
     fs : float, Hz
     seed : int
     params : dict of str to float
-        Live numbers that differed from the scene's at the start.
+        Parameters that differed from the scene's at the start.
     inputs, outputs : tuple of str
     channels : tuple of int
         For each channel of the device the number of its output, or -1.
@@ -598,7 +598,7 @@ def _header(data: dict[str, Any], where: str, error: type[StimlibError]) -> _Hea
     need({*channels} <= {*outputs, None}, "channels must be names of outputs, or null")
     params = data["params"]
     for name in params:
-        need(name in known, f"params: there is no live number {name!r}")
+        need(name in known, f"params: there is no parameter {name!r}")
     numbers = tuple(-1 if c is None else outputs.index(c) for c in channels)
     start = {n: float(v) for n, v in params.items()}
     return _Header(scene, safety, float(data["fs"]), data["seed"], start, tuple(inputs), outputs, numbers)
@@ -645,7 +645,7 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
     need(kind == kind[:100], "'kind' is too long")
     fields.require(data, EVENTS.get(kind, {}))
     if kind == "set":
-        need(data["name"] in params, f"there is no live number {data['name'][:40]!r}")
+        need(data["name"] in params, f"there is no parameter {data['name'][:40]!r}")
     elif kind in ("hash", "motion"):
         need(at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most")
     elif kind in ("lost", "gap"):
@@ -742,9 +742,9 @@ def motion_of(log: Log, proc: Processor, at: int, stop: int) -> NDArray[np.float
 
 
 def blocks(log: Log, proc: Processor, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Run a processor along a log, its live numbers set where they were; (index, y (n_outputs, n)) one after the other.
+    """Run a processor along a log, its parameters set where they were; (index, y (n_outputs, n)) one after the other.
 
-    Changes of live numbers that the processor does not have are left out. The samples do not depend on the block.
+    Changes of parameters that the processor does not have are left out. The samples do not depend on the block.
     """
     changes = [e for e in log.changes if e.data["name"] in proc.params]
     at = k = 0

@@ -1,4 +1,4 @@
-"""System identification: the live numbers of a scene that bring its signals nearest to a target, by gradients.
+"""System identification: the parameters of a scene that bring its signals nearest to a target, by gradients.
 
 A number is searched in relative units: p = start exp(u), or its like between bounds, so that one step of u means as much for
 1e-9 as for 1e9, and no step can leave the bounds.
@@ -53,7 +53,7 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
     out = {}
     for name, given in params.items():
         if name not in known:
-            raise UnknownName(f"fit: no live number {name!r}; this scene has {', '.join(known) or 'none'}")
+            raise UnknownName(f"fit: no parameter {name!r}; this scene has {', '.join(known) or 'none'}")
         try:
             start, low, high = (float(v) for v in (given if isinstance(given, (tuple, list)) else (given, math.nan, math.nan)))
         except (TypeError, ValueError):
@@ -282,12 +282,12 @@ def fit(
     optimiser: Any = None,
     progress: bool = False,
 ) -> Fit:
-    """The live numbers of a scene that bring its signals nearest to a target, along a motion.
+    """The parameters of a scene that bring its signals nearest to a target, along a motion.
 
     Parameters
     ----------
     scene : Scene
-        Live numbers that are not searched stay at their values.
+        Parameters that are not searched stay at their values.
     motion : dict of str to callable or ndarray
         Every input, as for ``stimlib.render``.
     target : array_like or dict of str to array_like

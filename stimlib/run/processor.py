@@ -87,7 +87,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
 class Processor:
     """A compiled scene: a pure function of (state, input block) with the state kept inside.
 
-    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y; ``params`` are the live numbers;
+    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y; ``params`` are the parameters;
     ``units`` gives the unit of each of them; ``log`` lists every change by sample index.
 
     Notes
@@ -95,7 +95,7 @@ class Processor:
     Processors are independent of each other: compile and run as many as you like in as many threads.  One processor is for
     one thread at a time.  ``set``, ``reset`` and ``state`` wait for each other, and ``index``, ``params``, ``fault`` may be
     read at any time; but while ``process`` runs in one thread, no other may call ``process``, ``reset`` or ``state``: that
-    breaks nothing but the samples.  Sinks change live numbers of a running processor by ``sink.set``.
+    breaks nothing but the samples.  Sinks change parameters of a running processor by ``sink.set``.
     """
 
     def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
@@ -233,7 +233,7 @@ class Processor:
             self.params = {name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()}  # graph.ParamState
 
     def reset(self, seed: int | None = None) -> None:
-        """Back to sample 0, live numbers at their initial values; with a seed, every noise gets new keys.
+        """Back to sample 0, parameters at their initial values; with a seed, every noise gets new keys.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class Processor:
             self.log.clear()
 
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a live number from the next sample on.
+        """Change a parameter from the next sample on.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ class Processor:
         Raises
         ------
         UnknownName
-            No such live number.
+            No such parameter.
         BadValue
             A value that is not finite, a ramp below 0.
 
@@ -288,7 +288,7 @@ class Processor:
         array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
         """
         if not isinstance(name, str) or name not in self.program.params:
-            raise UnknownName(f"no live number {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
+            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
         value, ramp = number(value, f"set({name!r}): value"), number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
@@ -338,7 +338,7 @@ class Processor:
         return latency(self.program, self.design)
 
     def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
-        """Discrete frequency response from an input (or noise source) to an output, live numbers as they are.
+        """Discrete frequency response from an input (or noise source) to an output, parameters as they are.
 
         Parameters
         ----------

@@ -141,7 +141,7 @@ def render(
     seconds : float, optional
         Length; by default that of the shortest array.
     params : dict of str to float, optional
-        Live numbers that differ from the scene's, from the first sample on (no ramp).
+        Parameters that differ from the scene's, from the first sample on (no ramp).
     seed : int
         Key of all noise.
     target : {"numba", "python"}
@@ -176,7 +176,7 @@ def render(
         raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)
     if not isinstance(params, Mapping | None):
-        raise BadValue(f"params must map names of live numbers to values, got {type(params).__name__}")
+        raise BadValue(f"params must map names of parameters to values, got {type(params).__name__}")
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     frames, sources = _plan(proc, motion, seconds)

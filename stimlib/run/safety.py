@@ -19,7 +19,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, SceneError, UnitError, UnknownName
 
 GAIN = "sink_gain"
-"""The live number of the fade: 0 before the start and after the end, 1 in between."""
+"""The parameter of the fade: 0 before the start and after the end, 1 in between."""
 
 STEPS = 128
 """A fade has at least so many samples, so that full scale ends in steps of less than 1 % at every sample rate."""
@@ -116,7 +116,7 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     """A scene whose outputs are safe for a device.
 
     Every output is limited to the peak force (outputs in N) and to full scale; then come its guard against what is not
-    finite, the static force (outputs in N), the slew limit, and the fade: times the live number ``sink_gain``, which is 0 until
+    finite, the static force (outputs in N), the slew limit, and the fade: times the parameter ``sink_gain``, which is 0 until
     it is set.  Limits come first, so that the guard fades from what the device was given, not from what the scene ran away to.
 
     Parameters
@@ -132,7 +132,7 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     Raises
     ------
     SceneError
-        The scene has a live number or input ``sink_gain`` of its own.
+        The scene has a parameter or input ``sink_gain`` of its own.
     UnitError
         One number as full scale or slew for outputs of different units.
     UnknownName

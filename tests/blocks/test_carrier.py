@@ -1,4 +1,4 @@
-"""Bumps against their integrals in closed form, the carrier against exact arithmetic; what contact and live numbers do."""
+"""Bumps against their integrals in closed form, the carrier against exact arithmetic; what contact and parameters do."""
 
 from fractions import Fraction
 

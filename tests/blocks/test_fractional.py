@@ -361,7 +361,7 @@ def test_silence_is_zero():
     assert not forces(proc, np.zeros(20_000)).any()
 
 
-# Live numbers --------------------------------------------------------------------------------------------------------
+# Parameters --------------------------------------------------------------------------------------------------------
 @extended
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("tol", [1e-8, 1e-14])

@@ -14,7 +14,7 @@ from stimlib.scenes import squeeze
 
 
 def nested() -> Scene:
-    """Everything a picture has to cope with: nested gates, a live number inside, an output that is a number."""
+    """Everything a picture has to cope with: nested gates, a parameter inside, an output that is a number."""
     x, a, b = Input("x", "m"), Param("A", 1.0), Param("B", 2.0)
     inner = enabled(white_noise(2) * b, by=white_noise(3) > 0.5)
     noise = enabled(pink_noise(1.0, seed=1) * a + inner, by=loading(velocity(x)))

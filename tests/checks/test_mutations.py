@@ -40,7 +40,7 @@ def test_correct_renderings_pass():
 
 @pytest.mark.parametrize("seed", range(12))
 def test_correct_renderings_of_every_kind_pass(seed):
-    """The short form of ``tests/stress/verify_many.py``: own blocks, live numbers, limits, 1 to 192 kHz, held hands."""
+    """The short form of ``tests/stress/verify_many.py``: own blocks, parameters, limits, 1 to 192 kHz, held hands."""
     kind, scene, motion, render = rendering(np.random.default_rng(10**6 + seed))
     report = stimlib.verify(scene, motion, render(scene, motion))
     assert report.passed, f"{kind}: {report}"

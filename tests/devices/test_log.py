@@ -34,7 +34,7 @@ FS = 8000.0
 
 
 def spring():
-    """Two outputs, one of them noisy, with a live number."""
+    """Two outputs, one of them noisy, with a parameter."""
     force = Param("k", 1000.0, "N/m") * Input("x", "m")
     return Scene({"force": force, "noisy": force + constant(2.0, "N") * white_noise(seed=3)})
 
@@ -223,7 +223,7 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
 
 @pytest.mark.parametrize(("what", "says"), [("value", 1501.0), ("ramp", 161), ("at", 12002)])
 def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, what, says):
-    """The law follows the live numbers of the log by itself: a processor that does something else is found."""
+    """The law follows the parameters of the log by itself: a processor that does something else is found."""
     from stimlib.checks import scenes
 
     x = np.stack([minimum_jerk(depth=0.01)(np.arange(16000) / FS)])
@@ -429,7 +429,7 @@ def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
         ({"fs": float("nan")}, "fs must be"),
         ({"safety": {"full_scale": -1}}, "above 0"),
         ({"safety": {"surprise": 1}}, "safety cannot be used"),
-        ({"params": {"q": 1.0}}, "no live number 'q'"),
+        ({"params": {"q": 1.0}}, "no parameter 'q'"),
         ({"params": {"k": float("inf")}}, "finite"),
     ]:
         with pytest.raises(BadValue, match=says):

@@ -168,9 +168,9 @@ def test_what_cannot_be_opened(arguments, error, text):
 def test_what_cannot_be_set():
     with fast(steady()) as sink:
         sink.open(FS)
-        with pytest.raises(UnknownName, match="no live number 'sink_gain'; this scene has level"):
+        with pytest.raises(UnknownName, match="no parameter 'sink_gain'; this scene has level"):
             sink.set("sink_gain", 0.5)
-        with pytest.raises(UnknownName, match="no live number 'sink_gain'; this scene has level"):
+        with pytest.raises(UnknownName, match="no parameter 'sink_gain'; this scene has level"):
             fast(steady(), params={"sink_gain": 1.0}).open(FS)
         with pytest.raises(BadValue, match="finite"):
             sink.set("level", np.nan)

@@ -39,7 +39,7 @@ class Function:
     ----------
     inputs, outputs : tuple of str
     params : dict of str to float
-        Live numbers and their initial values.
+        Parameters and their initial values.
     gates : tuple of str
         Names of what is 0 or 1: gates, comparisons and whether ``enabled`` is, on the sample clock and in running order; see
         ``decisions``.
@@ -81,7 +81,7 @@ class Function:
         Parameters
         ----------
         params : dict of str to scalar or array (n,)
-            Live numbers by name, in their units; those not given have their initial values.  An array is one value per
+            Parameters by name, in their units; those not given have their initial values.  An array is one value per
             sample; before sample 0 its first value holds.
         motion : dict of str to array (n,) or scalar, or array (n_inputs, n)
             Every input, in its unit.  A scalar holds throughout.
@@ -108,7 +108,7 @@ class Function:
         UnknownName
             A name that the scene does not have, or an input that is missing.
         BadValue
-            What is not real numbers; arrays of different lengths or of more than one dimension; a live number that is not
+            What is not real numbers; arrays of different lengths or of more than one dimension; a parameter that is not
             finite; a key outside 0 .. 2**64 - 1; JAX in 32-bit mode inside a transformation.
 
         Examples
@@ -134,7 +134,7 @@ class Function:
                 motion = self._rows(motion)
             params, motion, gates = _named("params", params), _named("motion", motion), _named("gates", gates)
             for what, given, known in (
-                ("live number", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
+                ("parameter", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
             ):  # fmt: skip
                 for name in given:
                     if name not in known:
@@ -144,11 +144,11 @@ class Function:
                     raise UnknownName(f"the motion lacks the input {name!r}")
             motion = {name: _real(f"input {name!r}", v) for name, v in motion.items()}
             gates = {name: _real(name, v) for name, v in gates.items()}
-            params = {name: _real(f"live number {name!r}", v) for name, v in (self.params | params).items()}
+            params = {name: _real(f"parameter {name!r}", v) for name, v in (self.params | params).items()}
             for name, v in params.items():
                 if isinstance(v, np.ndarray) and not np.isfinite(v).all():
                     at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
-                    raise BadValue(f"live number {name!r} is not finite{at}")
+                    raise BadValue(f"parameter {name!r} is not finite{at}")
             key = _key("key", self.seed if key is None else key)
             size = _length({**motion, **params, **gates}, n)
             warn_beyond(self.program, self.fs, size)
@@ -179,7 +179,7 @@ class Function:
         parents = self.program.parents
 
         def row(param: Any, clock: int) -> Any:
-            """A live number given per sample, on a clock."""
+            """A parameter given per sample, on a clock."""
             if clock == ROOT:
                 return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), param])
             above = row(param, parents[clock])
@@ -292,7 +292,7 @@ def _length(rows: Mapping[str, Any], n: Any) -> int:
         raise BadValue("nothing tells how long the run is: say n, the number of samples")
     if len(set(lengths.values())) > 1:
         given = ", ".join(f"{name}: {size}" for name, size in lengths.items())
-        raise BadValue(f"motion, live numbers and gates must have one length, got {given}")
+        raise BadValue(f"motion, parameters and gates must have one length, got {given}")
     return next(iter(lengths.values()))
 
 

@@ -159,7 +159,7 @@ class Engine:
             return slot.setdefault(key, len(slot) * TILE)
 
         def arg(i: int, clock: int) -> int:
-            """Slot of an argument; a live number is first gathered onto a child clock."""
+            """Slot of an argument; a parameter is first gathered onto a child clock."""
             q = instances[i]
             if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
                 return place(i)

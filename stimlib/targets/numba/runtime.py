@@ -31,7 +31,7 @@ def entry(ctx, x, y, n):
     rows, table, P, S, W, A = ctx[0], i8_at(ctx[1]), f8_at(ctx[2]), f8_at(ctx[3]), f8_at(ctx[4]), i8_at(ctx[5])
     n_in, n_out, outs, N, index, clocks, warm = ctx[6], ctx[7], at(A, ctx[8]), i8_at(ctx[9]), i8_at(ctx[10]), ctx[11], ctx[12]
     pending = i8_at(ctx[13])
-    for j in range(ctx[14]):  # live numbers: read once per call
+    for j in range(ctx[14]):  # parameters: read once per call
         q = at(pending, 4 * j)
         if q[0] != 0:
             s = as_i8(at(S, q[1]))
@@ -70,7 +70,7 @@ def entry(ctx, x, y, n):
                         out[i] = 0.0
                     for i in range(N[w[2]]):
                         out[place[i]] = inner[i]
-            else:  # GATHER a live number onto a child clock: w = (from, to)
+            else:  # GATHER a parameter onto a child clock: w = (from, to)
                 source, to, place = at(W, w[0]), at(W, w[1]), at(index, c * 128 + 64)
                 for i in range(k):
                     to[i] = source[place[i]]
