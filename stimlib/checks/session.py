@@ -10,7 +10,7 @@ from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..files.log import Hashes, Log, MotionFile, blocks, changed_motion, delivered, motion_of, processor
+from ..files.log import Hashes, MotionFile, SessionLog, blocks, changed_motion, delivered, motion_of, processor
 from ..run.safety import Watch, protect, to_device
 from .evidence import Check, Evidence, at_first, keep_taps, with_taps
 from .noise import generator, noise
@@ -19,7 +19,7 @@ from .scenes import scene_law
 from .verify import limits_kept, linear_blocks, same_samples
 
 
-def verify_log(log: Log, scene: Scene | None = None) -> Report:
+def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     """Prove the delivered samples of a session from its log.
 
     The scene is run again on the logged motion, with the parameters set where they were. Its samples are verified like those
@@ -28,7 +28,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
 
     Parameters
     ----------
-    log : Log
+    log : SessionLog
         Of ``stimlib.files.log.read_log``.
     scene : Scene, optional
         What is expected to have been played.
@@ -64,7 +64,7 @@ def verify_log(log: Log, scene: Scene | None = None) -> Report:
     return Report(checks, e)
 
 
-def _evidence(log: Log) -> Evidence:
+def _evidence(log: SessionLog) -> Evidence:
     augmented, found = with_taps(log.scene, log.fs)
     rows = len(augmented.outputs) + 5 * len(log.outputs) + 2 * len(log.inputs)  # what is kept below and while it is compared
     limits.check("render_bytes", 8.0 * rows * log.frames, f"{log.folder}: bytes of the samples to verify", SinkError)
@@ -82,7 +82,7 @@ def _evidence(log: Log) -> Evidence:
     return e
 
 
-def _lawful(e: Evidence, log: Log) -> tuple[Evidence, int]:
+def _lawful(e: Evidence, log: SessionLog) -> tuple[Evidence, int]:
     """The samples that the law can be held against: up to what is not finite."""
     n = log.frames
     cut = int(np.append(np.flatnonzero(~np.isfinite(e.x).all(axis=0)), n)[0])
@@ -95,7 +95,7 @@ def _lawful(e: Evidence, log: Log) -> tuple[Evidence, int]:
     return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}), cut
 
 
-def _unguarded(e: Evidence, log: Log) -> np.ndarray:
+def _unguarded(e: Evidence, log: SessionLog) -> np.ndarray:
     """The verified samples as the safety stage gets them: from a fault on it has its own guard."""
     proc, y = processor(log), e.shown.copy()
     for _ in blocks(log, proc):
@@ -105,7 +105,7 @@ def _unguarded(e: Evidence, log: Log) -> np.ndarray:
     return y
 
 
-def _delivered(e: Evidence, log: Log) -> list[Check]:
+def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
     """What the device got, in three steps: accounted for, equal to the replay, equal to the verified samples made safe."""
     names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
     inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]

@@ -332,7 +332,7 @@ def _coarse(r: Rates, alpha: float) -> float:
 
 
 # Live orders ---------------------------------------------------------------------------------------------------------
-class Live(NamedTuple):
+class LiveOrders(NamedTuple):
     """Weights as functions of alpha: modes[k] = g_k a_k exp(alpha (high_k + low_k)), with g = sin(pi alpha)/pi on the grid.
 
     For the nodes below s0 (the constant first), and for the direct taps, g = (1 - alpha) times a polynomial.
@@ -344,8 +344,8 @@ class Live(NamedTuple):
     poly: np.ndarray  # Chebyshev coefficients, DEGREE + 1 in a row: nodes below s0, then v_0/(1 - alpha)^0, v_j/(1 - alpha)
 
 
-def live(r: Rates, scheme: str) -> Live:
-    """What a live order needs; see ``Live``.
+def live(r: Rates, scheme: str) -> LiveOrders:
+    """What a live order needs; see ``LiveOrders``.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def live(r: Rates, scheme: str) -> Live:
 
     Returns
     -------
-    Live
+    LiveOrders
     """
     x = np.array(r.x)
     if scheme == "gl":
@@ -377,7 +377,7 @@ def live(r: Rates, scheme: str) -> Live:
         rows.append([*(v / rest for v in _lump(r, scheme, alpha)), w.taps[0], *(w.taps[1:] / rest)])
     values = np.array(rows)
     basis[0] /= 2
-    return Live(
+    return LiveOrders(
         np.concatenate([np.exp(-DIRECT * r.s0 * x), a]), np.array([h for h, _ in logs]), np.array([v for _, v in logs]),
         (basis @ values).T.ravel().copy(),
     )  # fmt: skip

@@ -95,7 +95,7 @@ def _alternating(error: FloatArray, count: int) -> list[int]:
 # --- 3 dB/oct low-pass ----------------------------------------------------------------------------------------------
 
 
-class Modes(NamedTuple):
+class PinkDesign(NamedTuple):
     """A filter as parallel leaky modes, ``q += x - e*q`` and then ``y = d*x + sum(r*q)``.
 
     Attributes
@@ -117,7 +117,7 @@ class Modes(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def pink_modes(fs: float, f_low: float, tol_db: float) -> Modes:
+def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
     """3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs, with the fewest first-order sections that meet a tolerance.
 
     Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section with real pole and real zero
@@ -135,7 +135,7 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> Modes:
 
     Returns
     -------
-    Modes
+    PinkDesign
         The filter as parallel modes, ``H(z) = d + sum_k r_k/(1 - (1 - e_k)/z)``.
 
     Raises
@@ -271,7 +271,7 @@ def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=256)
-def _minimax_modes(w_low: float, n: int) -> Modes:
+def _minimax_modes(w_low: float, n: int) -> PinkDesign:
     """The best low-pass of n sections, with the error of the modes themselves."""
     design, reference = _minimax_design(w_low, n)
     e, z, gain = _leaks_and_gain(design)
@@ -281,7 +281,7 @@ def _minimax_modes(w_low: float, n: int) -> Modes:
     error_db = float(_DB * np.max(np.abs(np.log(w * np.abs(_response(e, r, d, w)) ** 2))))
     for array in (e, r):
         array.setflags(write=False)
-    return Modes(e, r, d, error_db)
+    return PinkDesign(e, r, d, error_db)
 
 
 def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -375,7 +375,7 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
 # --- FIR differentiator ---------------------------------------------------------------------------------------------
 
 
-class Differentiator(NamedTuple):
+class DifferentiatorDesign(NamedTuple):
     """A linear-phase FIR differentiator.
 
     Attributes
@@ -394,7 +394,7 @@ class Differentiator(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def differentiator_taps(fs: float, passband: float, stopband: float | None, order: int) -> Differentiator:
+def differentiator_taps(fs: float, passband: float, stopband: float | None, order: int) -> DifferentiatorDesign:
     """Band-limited differentiator: equal-ripple FIR of type III, for d/dt in 1/s with a delay of order/2 samples.
 
     The response is ``i w fs exp(-i w order/2)`` on [0, passband] and zero on [stopband, fs/2].  The error relative to
@@ -412,7 +412,7 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
 
     Returns
     -------
-    Differentiator
+    DifferentiatorDesign
 
     Raises
     ------
@@ -447,7 +447,7 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
     taps[middle - half : middle] = fs * sines[::-1]
     taps[middle + 1 : middle + 1 + half] = -fs * sines
     taps.setflags(write=False)
-    return Differentiator(taps, error, 20 * math.log10(stop_error) if stop_error > 0 else -math.inf)
+    return DifferentiatorDesign(taps, error, 20 * math.log10(stop_error) if stop_error > 0 else -math.inf)
 
 
 @lru_cache(maxsize=64)

@@ -42,7 +42,7 @@ LONGEST_BLOCK = 0.25
 
 # Report --------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Report:
+class SessionReport:
     """What a session did.
 
     Attributes
@@ -583,13 +583,13 @@ class Sink:
             )
         return self.pump.put_motion(x)
 
-    def report(self) -> Report:
+    def report(self) -> SessionReport:
         """What has happened so far."""
         if not self._opened:
             raise SinkError("report: the sink was never open")
         p = self.pump
         p50, p99, p999, most = p.percentiles(50, 99, 99.9, 100)
-        return Report(
+        return SessionReport(
             produced=p.read("DELIVERED") + p.read("LOST"),
             delivered=p.read("DELIVERED"),
             lost=p.read("LOST"),

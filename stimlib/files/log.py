@@ -425,7 +425,7 @@ class MotionFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class SessionLog:
     """What ``read_log`` found. Sample indices count from the start of the session.
 
     Attributes
@@ -489,7 +489,7 @@ class Log:
         return sorted((e for e in self.events if e.kind == "set"), key=lambda e: e.at)
 
 
-def read_log(folder: str | os.PathLike[str]) -> Log:
+def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     """Read and check a session's log, also of a session that was killed.
 
     Parameters
@@ -498,7 +498,7 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
 
     Returns
     -------
-    Log
+    SessionLog
 
     Raises
     ------
@@ -559,7 +559,7 @@ def read_log(folder: str | os.PathLike[str]) -> Log:
     limits.check("log_samples", frames, f"{folder}: samples", SinkError)
     if raw["stimlib"] != __version__:
         notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
-    return Log(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
+    return SessionLog(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -712,7 +712,7 @@ class Replay:
         return shown("; ".join([line, *self.notes]))
 
 
-def processor(log: Log, scene: Scene | None = None, target: str = "numba") -> Processor:
+def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
     """The processor as the session had it before its first sample; by default with the safety stage.
 
     Raises
@@ -733,7 +733,7 @@ def processor(log: Log, scene: Scene | None = None, target: str = "numba") -> Pr
     return proc
 
 
-def motion_of(log: Log, proc: Processor, at: int, stop: int) -> NDArray[np.float64]:
+def motion_of(log: SessionLog, proc: Processor, at: int, stop: int) -> NDArray[np.float64]:
     """The logged motion of samples at .. stop - 1, shape (n_inputs, n), rows as the processor has them."""
     x = np.empty((len(proc.inputs), stop - at))
     if proc.inputs:
@@ -741,7 +741,7 @@ def motion_of(log: Log, proc: Processor, at: int, stop: int) -> NDArray[np.float
     return x
 
 
-def blocks(log: Log, proc: Processor, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def blocks(log: SessionLog, proc: Processor, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Run a processor along a log, its parameters set where they were; (index, y (n_outputs, n)) one after the other.
 
     Changes of parameters that the processor does not have are left out. The samples do not depend on the block.
@@ -758,7 +758,7 @@ def blocks(log: Log, proc: Processor, block: int = 8192) -> Iterator[tuple[int, 
         at = stop
 
 
-def delivered(log: Log, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
+def delivered(log: SessionLog, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
     """Replayed frames (at, frames (n, channels), whether they were delivered or lost), in order and without a hole."""
     scales = log.safety.scales(log.outputs)
     lost = [(a, a + n) for a, n in log.lost if n]
@@ -777,12 +777,12 @@ def delivered(log: Log, block: int = 8192) -> Iterator[tuple[int, NDArray[np.flo
             begin = stop
 
 
-def replay(log: Log, out: str | os.PathLike[str] | None = None, block: int = 8192) -> Replay:
+def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: int = 8192) -> Replay:
     """Make the delivered samples again and compare them with the log's hashes.
 
     Parameters
     ----------
-    log : Log
+    log : SessionLog
     out : path, optional
         A sound file to write them to, FLOAT: what the device was given, lost frames left out.
     block : int
@@ -841,7 +841,7 @@ def replay(log: Log, out: str | os.PathLike[str] | None = None, block: int = 819
     return Replay(log.frames, lost, compared.done, compared.wrong, log.logged - log.frames, changed_motion(log), log.notes)
 
 
-def changed_motion(log: Log) -> list[tuple[int, int]]:
+def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
     """Spans (at, to) of the motion whose hash is not the one that was written with it; of the rows that are there."""
     rows = len(log.motion)
 

@@ -260,7 +260,7 @@ def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> 
 
 # Fits ----------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class MaterialFit:
     """A model, its numbers, and how well it says what was recorded.
 
     Attributes
@@ -364,8 +364,8 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SpringpotFit(Fit):
-    """f = chi D^alpha y; see ``Fit``."""
+class SpringpotFit(MaterialFit):
+    """f = chi D^alpha y; see ``MaterialFit``."""
 
     @property
     def chi(self) -> float:
@@ -398,8 +398,8 @@ class SpringpotFit(Fit):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MaxwellFit(Fit):
-    """Spring and Maxwell arms; see ``Fit``.  ``values`` has k0, k1, tau1, k2, .. with rising time constants."""
+class MaxwellFit(MaterialFit):
+    """Spring and Maxwell arms; see ``MaterialFit``.  ``values`` has k0, k1, tau1, k2, .. with rising time constants."""
 
     @property
     def k0(self) -> float:

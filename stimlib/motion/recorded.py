@@ -20,13 +20,13 @@ from ..errors import BadValue, UnknownName, shown
 from .batch import Array
 from .cubics import cubics
 from .generators import Motion
-from .reports import Mask, Series, check_gaps, check_period, hold_silences, joined, lifts, series
-from .table import Table, read_table
+from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
+from .table import TableFile, read_table
 
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
-class Track(Motion):
+class RecordedInput(Motion):
     """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
 
     info: Mapping[str, Any]
@@ -270,7 +270,7 @@ def recording(
     return Recording(motion, step, duration, has_lifts, info, spec)
 
 
-def _tracks(table: Table, s: Series, whole: Mask, spec: str) -> dict[str, Motion]:
+def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, Motion]:
     """Per input, cubics between its reports in contact."""
     t, x, rows = s.t, s.x, s.rows
     if not s.contact.all():
@@ -283,7 +283,7 @@ def _tracks(table: Table, s: Series, whole: Mask, spec: str) -> dict[str, Motion
         for i in np.flatnonzero(~np.isfinite(c).all(axis=0)):
             remedy = "check time and units, or set max_speed"
             raise table.error("the step to this report is too large for its time", remedy, rows[min(int(i) + 1, len(rows) - 1)])
-        tracks[name] = Track(t, c, f"{spec}.motion[{name!r}]")
+        tracks[name] = RecordedInput(t, c, f"{spec}.motion[{name!r}]")
     return tracks
 
 
@@ -394,7 +394,7 @@ def _is_positive(value: Any) -> bool:
 
 
 def _spec(
-    table: Table,
+    table: TableFile,
     columns: Mapping[str, str],
     where: Mapping[str, Any] | None,
     time: str,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import BadValue
 from .batch import Array, Batch, Rows
 from .expression import Linear, expression
-from .table import Table
+from .table import TableFile
 
 Mask = NDArray[np.bool_]
 
@@ -25,7 +25,7 @@ VALUES = 1000  # so many different values of a column are listed or counted
 
 
 @dataclass(frozen=True)
-class Series:
+class Reports:
     """Reports in order of time. x has one row per input."""
 
     inputs: tuple[str, ...]
@@ -39,13 +39,13 @@ class Series:
 
 
 def series(
-    table: Table,
+    table: TableFile,
     columns: Mapping[str, str],
     where: Mapping[str, Any],
     time: str,
     contact: str | bool | None,
     repeats: str | None,
-) -> Series:
+) -> Reports:
     """The reports that the arguments of `recording` mean, checked."""
     clock = _linear(table, "time", time)
     if clock.scale < 0:
@@ -59,7 +59,7 @@ def series(
     _check_rising(table, t, rows, chosen, {clock.column, flag, *(a.column for a in linear.values())})
     start = float(t[0])
     t -= start
-    found = _repeats(table, Series(tuple(linear), t, x, touch, rows, flag, 0, start), repeats)
+    found = _repeats(table, Reports(tuple(linear), t, x, touch, rows, flag, 0, start), repeats)
     if len(found.t) < 2:
         raise table.error("one report is not a motion", "give at least two rows with rising time", rows[0])
     if not touch.any():
@@ -70,13 +70,13 @@ def series(
 # -- columns
 
 
-def _linear(table: Table, what: str, text: str) -> Linear:
+def _linear(table: TableFile, what: str, text: str) -> Linear:
     linear = expression(what, text, table.names)
     assert linear.column is not None
     return replace(linear, column=_find(table, linear.column, what))
 
 
-def _find(table: Table, column: str, what: str) -> str:
+def _find(table: TableFile, column: str, what: str) -> str:
     """The table's column of that name. Python reads a name in its NFKC form, in which the two signs for micro are one."""
     names = table.names
     for name in names:
@@ -90,7 +90,7 @@ def _find(table: Table, column: str, what: str) -> str:
     raise table.error(f"{what} needs column {column}, and there is none; the columns are: {_list(names)}", remedy)
 
 
-def _contact_column(table: Table, contact: str | bool | None) -> str | None:
+def _contact_column(table: TableFile, contact: str | bool | None) -> str | None:
     if contact is False or (contact is None and "contact" not in table.names):
         return None
     return _find(table, contact if isinstance(contact, str) else "contact", "contact")
@@ -104,7 +104,7 @@ def _list(words: Sequence[str], most: int = 12) -> str:
 # -- rows
 
 
-def _selected(table: Table, where: Mapping[str, Any]) -> Mask:
+def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
     """Which rows have all the values."""
     keep = np.zeros(0, dtype=bool)
     for i, (column, value) in enumerate(where.items()):
@@ -118,7 +118,7 @@ def _selected(table: Table, where: Mapping[str, Any]) -> Mask:
     return keep
 
 
-def _equal(table: Table, column: str, value: Any) -> Mask:
+def _equal(table: TableFile, column: str, value: Any) -> Mask:
     """Numbers are compared as numbers where the whole column is numbers, anything else as text."""
     wanted = table.number(str(value))
     try:
@@ -138,7 +138,9 @@ def _values(batches: Iterable[Batch], column: str) -> list[str]:
     return list(found)[:VALUES]
 
 
-def _converted(table: Table, linear: Sequence[Linear], flag: str | None, chosen: Mask | None) -> tuple[Array, Array, Mask, Rows]:
+def _converted(
+    table: TableFile, linear: Sequence[Linear], flag: str | None, chosen: Mask | None
+) -> tuple[Array, Array, Mask, Rows]:
     """Times, positions, contact and row numbers of the chosen rows."""
     most = table.most if chosen is None else int(chosen.sum())
     values, touch, rows = np.empty((len(linear), most)), np.ones(most, dtype=bool), np.empty(most, dtype=np.int64)
@@ -166,7 +168,7 @@ def _converted(table: Table, linear: Sequence[Linear], flag: str | None, chosen:
     return values[0, :at], values[1:, :at], touch[:at], rows[:at]
 
 
-def _numbers(table: Table, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
+def _numbers(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
     """The chosen cells of a batch as finite numbers, shape (columns, chosen)."""
     try:
         values = batch.numbers(columns)
@@ -179,7 +181,7 @@ def _numbers(table: Table, batch: Batch, columns: Sequence[str], which: Rows) ->
     return values
 
 
-def _cells(table: Table, batch: Batch, column: str, which: Rows) -> Array:
+def _cells(table: TableFile, batch: Batch, column: str, which: Rows) -> Array:
     texts = batch.texts(column)
     values = np.empty(len(which))
     for k, i in enumerate(which):
@@ -192,7 +194,7 @@ def _cells(table: Table, batch: Batch, column: str, which: Rows) -> Array:
     return values
 
 
-def _touch(table: Table, column: str, values: Array, rows: Rows) -> Mask:
+def _touch(table: TableFile, column: str, values: Array, rows: Rows) -> Mask:
     for i in np.flatnonzero((values != 0) & (values != 1)):
         raise table.error(f"contact is {values[i]:g}", "use a column of 0 and 1, or contact=False", rows[i], column)
     return values == 1
@@ -201,7 +203,7 @@ def _touch(table: Table, column: str, values: Array, rows: Rows) -> Mask:
 # -- time
 
 
-def _check_rising(table: Table, t: Array, rows: Rows, chosen: Mask | None, used: set[str | None]) -> None:
+def _check_rising(table: TableFile, t: Array, rows: Rows, chosen: Mask | None, used: set[str | None]) -> None:
     back = np.flatnonzero(t[1:] < t[:-1])
     if len(back):
         i = back[0]
@@ -212,7 +214,7 @@ def _check_rising(table: Table, t: Array, rows: Rows, chosen: Mask | None, used:
         raise table.error(f"time goes back from {t[i]:.9g} to {t[i + 1]:.9g} s", remedy, rows[i + 1])
 
 
-def _several(table: Table, chosen: Mask | None, used: set[str | None]) -> list[tuple[str, list[str]]]:
+def _several(table: TableFile, chosen: Mask | None, used: set[str | None]) -> list[tuple[str, list[str]]]:
     """Columns that tell recordings apart: 2 to 20 different values in the chosen rows."""
     found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
     read = 0
@@ -227,7 +229,7 @@ def _several(table: Table, chosen: Mask | None, used: set[str | None]) -> list[t
     return [(name, list(values)) for name, values in found.items() if len(values) > 1]
 
 
-def _repeats(table: Table, s: Series, how: str | None) -> Series:
+def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
     """One report for each time: equal ones once, others as ``repeats`` says."""
     again = np.append(False, s.t[1:] == s.t[:-1])
     count = int(again.sum())
@@ -247,7 +249,7 @@ def _repeats(table: Table, s: Series, how: str | None) -> Series:
     return replace(s, t=s.t[last], x=s.x[:, last], contact=s.contact[last], rows=s.rows[first], repeats=count)
 
 
-def _check_equal(table: Table, s: Series, again: Mask) -> None:
+def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
     differs = s.contact[1:] != s.contact[:-1]
     for row in s.x:
         differs |= row[1:] != row[:-1]
@@ -259,7 +261,7 @@ def _check_equal(table: Table, s: Series, again: Mask) -> None:
         raise table.error(problem, remedy, s.rows[i + 1])
 
 
-def _spread(table: Table, s: Series, again: Mask) -> Array:
+def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
     """Times of reports that share a stamp, evenly up to the next one; after the last, and before a silence, as usual."""
     first = np.flatnonzero(~again)
     each = np.diff(np.append(first, len(s.t)))
@@ -273,7 +275,7 @@ def _spread(table: Table, s: Series, again: Mask) -> Array:
     return t
 
 
-def check_period(table: Table, s: Series, period: float, time: str) -> None:
+def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
     """Raise where the median time between reports is not that of a hand's recording: a unit that is taken for seconds."""
     if period <= SLOWEST:
         return
@@ -284,12 +286,12 @@ def check_period(table: Table, s: Series, period: float, time: str) -> None:
     raise table.error(problem, remedy)
 
 
-def _enough(s: Series) -> str:
+def _enough(s: Reports) -> str:
     """A max_gap that joins everything."""
     return f"{ceil(100 * float(np.diff(s.t).max()) - 1e-6) / 100 + 0.01:g}"
 
 
-def check_gaps(table: Table, s: Series, max_gap: float) -> tuple[Series, list[tuple[int, float]]]:
+def check_gaps(table: TableFile, s: Reports, max_gap: float) -> tuple[Reports, list[tuple[int, float]]]:
     """The same reports, if no silence in contact is longer than max_gap; off contact there is nothing to miss."""
     dt = np.diff(s.t)
     for i in np.flatnonzero((dt > max_gap) & s.contact[:-1] & s.contact[1:]):
@@ -301,7 +303,7 @@ def check_gaps(table: Table, s: Series, max_gap: float) -> tuple[Series, list[tu
     return s, []
 
 
-def hold_silences(s: Series, period: float, max_gap: float) -> tuple[Series, list[tuple[int, float]]]:
+def hold_silences(s: Reports, period: float, max_gap: float) -> tuple[Reports, list[tuple[int, float]]]:
     """With each silence ended by a copy of the report before it, one median period before the next; the long ones."""
     dt = np.diff(s.t)
     i = np.flatnonzero(dt > SILENCE * period)
@@ -309,11 +311,13 @@ def hold_silences(s: Series, period: float, max_gap: float) -> tuple[Series, lis
         return s, []
     t = np.insert(s.t, i + 1, s.t[i + 1] - period)
     x = np.insert(s.x, i + 1, s.x[:, i], axis=1)
-    held = Series(s.inputs, t, x, np.insert(s.contact, i + 1, s.contact[i]), np.insert(s.rows, i + 1, s.rows[i]))
+    held = Reports(s.inputs, t, x, np.insert(s.contact, i + 1, s.contact[i]), np.insert(s.rows, i + 1, s.rows[i]))
     return held, [(int(s.rows[k + 1]), float(dt[k])) for k in i if dt[k] > max_gap]
 
 
-def joined(table: Table, s: Series, max_speed: float | Mapping[str, float | None] | None) -> tuple[Mask, list[tuple[int, float]]]:
+def joined(
+    table: TableFile, s: Reports, max_speed: float | Mapping[str, float | None] | None
+) -> tuple[Mask, list[tuple[int, float]]]:
     """Which intervals are a motion in contact; the jumps, as row and speed."""
     touching = s.contact[:-1] & s.contact[1:]
     given = max_speed if isinstance(max_speed, Mapping) else dict.fromkeys(s.inputs, max_speed)
@@ -337,12 +341,12 @@ def _speed(x: Array, t: Array) -> Array:
     return v
 
 
-def _speeds(s: Series, i: int) -> list[float]:
+def _speeds(s: Reports, i: int) -> list[float]:
     """Speed of each input in one interval."""
     return [float(_speed(row[i : i + 2], s.t[i : i + 2])[0]) for row in s.x]
 
 
-def _refuse_jumps(table: Table, s: Series, i: int, most: Sequence[float], count: int) -> NoReturn:
+def _refuse_jumps(table: TableFile, s: Reports, i: int, most: Sequence[float], count: int) -> NoReturn:
     k, speed = next((k, v) for k, v in enumerate(_speeds(s, i)) if v > most[k])
     name = s.inputs[k]
     problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
@@ -351,7 +355,7 @@ def _refuse_jumps(table: Table, s: Series, i: int, most: Sequence[float], count:
     raise table.error(problem, remedy, s.rows[i + 1])
 
 
-def lifts(s: Series) -> list[tuple[int, float]]:
+def lifts(s: Reports) -> list[tuple[int, float]]:
     """Where contact is lost, or missing from the start: row and time."""
     off = ~s.contact
     off[1:] &= s.contact[:-1]

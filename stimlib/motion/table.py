@@ -28,7 +28,7 @@ LONGEST = 1 << 17  # characters of a line of the fast reader; the exact one take
 
 
 @dataclass(frozen=True)
-class Table:
+class TableFile:
     """A file as it is: its column names, and its rows, batch after batch.
 
     Attributes
@@ -53,7 +53,7 @@ class Table:
     def error(self, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
         return table_error(self.file, problem, remedy, row, column)
 
-    def closed(self) -> "Table":
+    def closed(self) -> "TableFile":
         """The same without the rows, which leave the memory."""
         return replace(self, batches=lambda: iter(()))
 
@@ -71,7 +71,7 @@ def number(text: str) -> float | None:
         return None
 
 
-def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table:
+def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> TableFile:
     """The table in a CSV or npz file.
 
     Parameters
@@ -83,7 +83,7 @@ def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table
 
     Returns
     -------
-    Table
+    TableFile
 
     Raises
     ------
@@ -118,7 +118,7 @@ def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table
         raise table_error(file, "the file is empty", EMPTY)
     if file.lower().endswith(".npz"):
         names, most, batches = read_npz(file, data)
-        return Table(file, digest, names, most, batches)
+        return TableFile(file, digest, names, most, batches)
     return _read_csv(file, digest, data)
 
 
@@ -144,7 +144,7 @@ class _Form:
     row: int  # line of the names
 
 
-def _read_csv(file: str, digest: str, data: bytes) -> Table:
+def _read_csv(file: str, digest: str, data: bytes) -> TableFile:
     _check_text(file, data)
     start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
     most = 1 + sum(_ends(data[at : at + PIECE]) for at in range(0, len(data), PIECE))
@@ -168,7 +168,7 @@ def _read_csv(file: str, digest: str, data: bytes) -> Table:
                 at, row = end, row + len(batch.rows)
         yield from _exact(data, at, row, form)
 
-    return Table(file, digest, names, most, batches, decimal)
+    return TableFile(file, digest, names, most, batches, decimal)
 
 
 def _ends(piece: bytes) -> int:

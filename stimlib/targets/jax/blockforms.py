@@ -311,7 +311,7 @@ def kelvin_chain(b, p, s, x, run):
 
 
 # Springpots ----------------------------------------------------------------------------------------------------------
-class Weights(NamedTuple):
+class HistoryWeights(NamedTuple):
     """Of a springpot of one order."""
 
     r: Any  # of the modes
@@ -324,11 +324,11 @@ def springpot(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
     if p.alpha in (0.0, 1.0):
         return jnp.where(h.on, h.d * p.fs if p.alpha else spread(x[0], run.n) - h.first, 0.0)
-    w = Weights(p.r, p.taps, p.constant, p.scale)
+    w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
     return whole_history(p.e, w, h, x[0], run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
 
 
-def whole_history(e: np.ndarray, w: Weights, h: History, x: Any, run: Run) -> Any:
+def whole_history(e: np.ndarray, w: HistoryWeights, h: History, x: Any, run: Run) -> Any:
     """Sum over all movements: eight taps, and the modes eight samples later."""
     near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
     constant = w.constant * later(spread(x, run.n) - h.first, 8)
@@ -350,7 +350,7 @@ def springpot_live(b, p, s, x, run):
     return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
 
 
-def weights(p: pot.LiveParams, alpha: Any) -> Weights:
+def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
     """``fractional.reweigh``, all modes at once."""
     n, m = pot.COEFFICIENTS, int(p.nodes)
     t, left = 2.0 * alpha - 1.0, 1.0 - alpha
@@ -359,7 +359,7 @@ def weights(p: pot.LiveParams, alpha: Any) -> Weights:
     g = jnp.concatenate([left * chebyshev(poly, n * np.arange(m), n, t), jnp.broadcast_to(gain, (p.a.size - m,))])
     r = g * p.a * power(alpha, p.high, p.rest)
     taps = chebyshev(poly, n * (m + np.arange(7, -1, -1)), n, t) * jnp.concatenate([jnp.broadcast_to(left, (7,)), jnp.ones(1)])
-    return Weights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
+    return HistoryWeights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
 
 
 def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
