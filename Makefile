@@ -48,7 +48,7 @@ test-lowest: .venv-lowest/ready
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices tests/test_jax.py
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices tests/test_jax.py tests/test_laws.py tests/test_examples.py
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.

@@ -8,7 +8,10 @@ import warnings
 import pytest
 from hypothesis import HealthCheck, settings
 
-settings.register_profile("stimlib", derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 40
+settings.register_profile(
+    "stimlib", max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+)
 settings.load_profile("stimlib")
 
 

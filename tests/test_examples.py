@@ -95,7 +95,10 @@ def test_every_example_is_tested():
     assert set(PRINTED) == {p.name for p in EXAMPLES.glob("*.py")}
 
 
-@pytest.mark.parametrize("name", PRINTED)
+STRESS = {name: pytest.mark.stress for name in ("fit_arms.py", "match_rms.py")}  # a search takes long to compile; one is enough
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=STRESS.get(name, ())) for name in PRINTED])
 def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path):
     recorded(name)
     calls = {"": "there:\n"} if name in PLAIN else {}

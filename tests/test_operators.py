@@ -153,6 +153,6 @@ def test_numbers_beyond_floats(f):
 
 
 def test_a_comparison_in_a_picture(tmp_path):
-    stimlib.analysis.draw(Scene({"y": (n == 0) + (m != 0)}), tmp_path / "s.svg")
+    stimlib.draw(Scene({"y": (n == 0) + (m != 0)}), tmp_path / "s.svg")
     text = (tmp_path / "s.svg").read_text()
     assert "≠" in text or "&#8800;" in text
