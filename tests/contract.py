@@ -1,7 +1,7 @@
 """One table of all blocks: what each looks like, what drives it, and which physical law it claims to follow.
 
 Every final class of stimlib must have an example here (``missing`` finds them by reflection); the laws of
-``tests/test_laws.py`` then run over all of them.  Physical laws are those of ``stimlib.checks.responses``, with the numbers
+``tests/test_laws.py`` then run over all of them.  Physical laws are those of ``stimlib.design.responses``, with the numbers
 that each example should have written by hand.
 """
 
@@ -32,9 +32,9 @@ from stimlib.blocks.relaxation import (
     standard_linear_solid,
 )
 from stimlib.blocks.tracking import track, track_velocity
-from stimlib.checks import responses as law
-from stimlib.checks.responses import Law
 from stimlib.core.graph import Block, Guard, registry
+from stimlib.design import responses as law
+from stimlib.design.responses import Law
 
 
 # What drives an input ------------------------------------------------------------------------------------------------
@@ -89,6 +89,7 @@ class Entry:
     rates: tuple[float, ...] = (8000.0, 1000.0)
     unit: str = ""
     settle: int = 1 << 16  # samples until the impulse response is below rounding
+    edges: bool = False  # whether its output jumps where an input passes a place: the derivative is that of the parts between
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -126,11 +127,11 @@ TABLE = [
     Entry("div_number", "Div", lambda x: x / 3.0, (normal,), lti=True),
     Entry("neg", "Neg", lambda x: -x, (normal,), lti=True),
     Entry("abs", "Abs", lambda x: abs(x), (ties,)),
-    Entry("greater", "Greater", lambda x, y: x > y, (ties, ties)),
-    Entry("at_least", "AtLeast", lambda x, y: x >= y, (ties, ties)),
-    Entry("equal", "Equal", lambda x, y: x == y, (ties, ties)),
-    Entry("not_equal", "NotEqual", lambda x, y: x != y, (ties, ties)),
-    Entry("where", "Where", lambda x, y, z: b.where(x, y, z), (ties, normal, normal)),
+    Entry("greater", "Greater", lambda x, y: x > y, (ties, ties), edges=True),
+    Entry("at_least", "AtLeast", lambda x, y: x >= y, (ties, ties), edges=True),
+    Entry("equal", "Equal", lambda x, y: x == y, (ties, ties), edges=True),
+    Entry("not_equal", "NotEqual", lambda x, y: x != y, (ties, ties), edges=True),
+    Entry("where", "Where", lambda x, y, z: b.where(x, y, z), (ties, normal, normal), edges=True),
     Entry("maximum", "Maximum", lambda x, y: b.maximum(x, y), (ties, ties)),
     Entry("minimum", "Minimum", lambda x, y: b.minimum(x, y), (ties, ties)),
     Entry("clip", "Minimum", lambda x: b.clip(x, -0.5, 0.7), (normal,)),
@@ -140,7 +141,7 @@ TABLE = [
     Entry("sin", "Sin", lambda x: b.sin(x), (angle,)),
     Entry("cos", "Cos", lambda x: b.cos(x), (angle,)),
     Entry("tanh", "Tanh", lambda x: b.tanh(x), (angle,)),
-    Entry("nonzero", "Nonzero", lambda x: b.nonzero(x), (ties,)),
+    Entry("nonzero", "Nonzero", lambda x: b.nonzero(x), (ties,), edges=True),
     Entry("guard", "Guard", lambda x: Guard(x), (normal,), lti=True),
     Entry("delay_1", "Delay", lambda x: b.delay(x, samples=1), (normal,), lti=True, laws=(law.delay(1),)),
     Entry("delay_70", "Delay", lambda x: b.delay(x, samples=70), (normal,), lti=True, laws=(law.delay(70),)),
@@ -162,7 +163,7 @@ TABLE = [
         "differentiator_order", "Differentiator", lambda x: b.differentiator(x, 100.0, 400.0, order=40, tol=1e-4), (normal,),
         lti=True, rates=(1000.0, 1200.0), laws=(law.differentiator(100.0, 40, 1e-4),),
     ),
-    Entry("loading", "Loading", lambda x: b.loading(b.velocity(x)), (squeeze,)),
+    Entry("loading", "Loading", lambda x: b.loading(b.velocity(x)), (squeeze,), edges=True),
     Entry("loading_given", "Loading", lambda x: b.loading(x, on=0.6, off=0.2), (normal,)),
     Entry("velocity", "Velocity", lambda x: b.velocity(x), (squeeze,), lti=True, laws=(law.velocity(100.0),)),
     Entry("velocity_20", "Velocity", lambda x: b.velocity(x, 20.0), (held,), lti=True, laws=(law.velocity(20.0),)),
@@ -178,7 +179,7 @@ TABLE = [
     Entry("track_velocity_contact", "TrackVelocity", lambda x, c: track_velocity(x, 20.0, contact=c > 0.0), (squeeze, held)),
     Entry("bump_square", "LinearBump", lambda u, d: bump(u, "square", 0.3 + 0.2 * b.sin(d)), (phase, held)),
     Entry("bump_sawtooth", "LinearBump", lambda u, c: bump(u, "sawtooth", 0.7, contact=c > -0.5), (phase, held)),
-    Entry("bump_point", "LinearBump", lambda u: bump(u, "square", 0.4, sampling="point"), (phase,)),
+    Entry("bump_point", "LinearBump", lambda u: bump(u, "square", 0.4, sampling="point"), (phase,), edges=True),
     Entry("bump_sine", "SineBump", lambda u, c: bump(u, "sine", Param("duty", 0.5), contact=c > -0.5), (phase, held)),
     Entry("bump_half_sine", "SineBump", lambda u: bump(u, "half_sine", 0.8), (phase,)),
     Entry("bump_table", "TableBump", lambda u: bump(u, [0.0, 0.2, 1.0, 0.3], 0.6), (phase,)),
@@ -222,7 +223,7 @@ TABLE = [
     Entry("pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w),
     Entry("white", "White", lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1), laws=(law.delay(0),)),
     Entry("white_shared", "White", lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)), (normal,)),
-    Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,)),
+    Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,), edges=True),
     Entry("enabled_held", "Enabled", lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),
         (held,)),
     Entry("enabled_live", "Enabled", lambda x: b.enabled(Param("g", 0.5) * b.white_noise(4) + Param("h", 1.0), by=x > 0.3),
@@ -245,7 +246,7 @@ TABLE = [
         (squeeze,), rates=(8000.0,),
     ),
     Entry("lut", "Lut", lambda x: b.lut(x, KNOTS, VALUES), (normal,)),
-    Entry("lut_two", "Lut", lambda x: b.lut(x, [0.0, 1.0], [1.0, -1.0], outside="zero"), (ties,)),
+    Entry("lut_two", "Lut", lambda x: b.lut(x, [0.0, 1.0], [1.0, -1.0], outside="zero"), (ties,), edges=True),
     Entry("lut_pchip", "Lut", lambda x: b.lut(x, KNOTS, VALUES, kind="pchip", outside="zero"), (normal,)),
     Entry("lut_cubic", "Lut", lambda x: b.lut(b.clip(x, -1.5, 2.0), KNOTS, VALUES, kind="cubic", outside="error"), (normal,)),
     Entry("squeeze", "Enabled", lambda x1: stimlib.scenes.squeeze(fingers=1).outputs["force1"], (squeeze,), rates=(8000.0,),
@@ -403,7 +404,10 @@ def touch(rng, n, fs):
 
 TABLE += [
     Entry("bump_duty", "SineBump", lambda u, d: b.bump(u, "sine", d), (phase, held)),
-    Entry("bump_point_sine", "SineBump", lambda u, c: b.bump(u, "half_sine", 0.4, sampling="point", contact=c), (phase, touch)),
+    Entry(
+        "bump_point_sine", "SineBump", lambda u, c: b.bump(u, "half_sine", 0.4, sampling="point", contact=c), (phase, touch),
+        edges=True,
+    ),
     Entry("bump_whole", "LinearBump", lambda u: b.bump(u, "square", 1.0), (phase,)),
     Entry("bump_table_contact", "TableBump", lambda u, d, c: b.bump(u, [0.0, 1.0], d, contact=c), (phase, held, touch)),
     Entry("carrier_contact", "Carrier", lambda c: b.carrier(157.9, "half", contact=c), (touch,)),

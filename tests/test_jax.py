@@ -59,14 +59,8 @@ def test_every_class_has_a_lowering_or_a_step_of_numbers():
         assert owns or cls.step is not None or name in ("Input", "Const", "Param", "Enabled"), name
 
 
-EDGES = {  # whose output jumps where an input passes a place: the derivative is that of the parts in between
-    "greater", "at_least", "equal", "not_equal", "where", "nonzero", "gate", "loading", "bump_point", "bump_point_sine",
-    "lut_two", "enabled",
-}  # fmt: skip
-
-
 def smooth(e):
-    return e.inputs and e.name not in EDGES and "enabled" not in e.name
+    return e.inputs and not e.edges and "enabled" not in e.name
 
 
 # of each class one, and what lives on parameters or contact

@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib import blocks as b
-from stimlib.checks import responses
 from stimlib.core.graph import Enabled
+from stimlib.design import responses
 from stimlib.errors import BadValue
 
 ROWS = [pytest.param(e, fs, id=f"{e.name}-{fs:g}") for e in TABLE for fs in e.rates]

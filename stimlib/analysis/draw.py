@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import regular
-from ..core.graph import Abs, Add, AtLeast, Const, Div, Equal, Greater, Guard, Input, Mul, Neg, NotEqual, Param, Sub, signals
+from ..core.graph import Add, Const, Guard, Input, Mul, Param, signals
 from ..core.program import PARAMS, ROOT, Instance, Program, lower
 from ..errors import BadValue
 
@@ -36,10 +36,6 @@ LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13,
 INK, PALE = "#26323a", "#6b7a85"
 LIVE, SAMPLE = "#fff1c9", "#e3edf7"
 ENABLED = ("#d9ecd6", "#f3dcd7", "#e4dcf0", "#d3ebea", "#f1e3c6", "#e6e6d8")
-SIGNS = {
-    Add: "+", Sub: "\u2212", Mul: "\u00d7", Div: "\u00f7", Neg: "\u2212", Abs: "| |",
-    Greater: ">", AtLeast: "\u2265", Equal: "=", NotEqual: "\u2260",
-}  # fmt: skip
 
 
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
@@ -305,11 +301,11 @@ class _Picture:
             return [b.name]
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
-        if type(b) in SIGNS:
+        if b.sign:
             if numbers and isinstance(b, Mul | Add):  # the order does not matter, so the field's name does not
                 numbers = [n.split(" = ")[1] for n in numbers]
-                return [" ".join([SIGNS[type(b)], *numbers])]
-            return [SIGNS[type(b)], *numbers]
+                return [" ".join([b.sign, *numbers])]
+            return [b.sign, *numbers]
         fields = [f.name for f in dc.fields(b) if f.name not in signals(type(b)) and not f.name.endswith("unit")]  # type: ignore[arg-type]
         data = [(n, getattr(b, n)) for n in fields]
         lines = numbers + [_field(n, v) for n, v in data if v is not None and v is not False]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ..core.graph import Block, as_block, constant
 from ..core.response import backward
 from ..core.units import unit
+from ..design import responses
 from ..errors import UnitError
 from .fractional import Springpot, coefficient
 
@@ -32,6 +33,9 @@ class Integral(Block):
 
     def design(self, fs):
         return IntegralParams(1 / fs), IntegralState(0.0, 0.0)
+
+    def laws(self, fs):
+        return (responses.running_sum(),)
 
     @staticmethod
     def step(p, s, x):

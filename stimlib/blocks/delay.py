@@ -10,6 +10,7 @@ import numpy as np
 from ..core.bounds import limits
 from ..core.graph import Block, as_block
 from ..core.maths import where
+from ..design import responses
 from ..errors import BadValue
 
 NONE, ONE = np.uint64(0), np.uint64(1)
@@ -47,6 +48,9 @@ class Delay(Block):
         if n < 1:
             raise BadValue(f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
         return DelayParams(float(n)), DelayState(np.zeros(n), np.uint64(0))
+
+    def laws(self, fs):
+        return (responses.delay(round(self.seconds * fs) if self.samples is None else self.samples),)
 
     @staticmethod
     def step(p, s, x):

@@ -12,7 +12,7 @@ from ..core.graph import Block, positive
 from ..core.maths import copy
 from ..core.maths import fir as fir_sum
 from ..core.units import unit
-from ..design import minimax
+from ..design import minimax, responses
 from ..errors import BadValue
 
 
@@ -80,6 +80,9 @@ class Taps(Fir):
     def design(self, fs):
         return line(self.taps)
 
+    def laws(self, fs):
+        return (responses.sum_of(self.taps),)
+
 
 def fir(x: Block, taps, unit: str = "") -> Block:
     """A filter with finite impulse response, y[n] = sum_k taps[k] x[n-k]; starts at rest.
@@ -145,6 +148,9 @@ class Differentiator(Fir):
                 f"above tol = {self.tol:g}; use order={need}, or tol={d.error:.1g}"
             )
         return line(d.taps)
+
+    def laws(self, fs):
+        return (responses.differentiator(self.passband, self.order, self.tol),)
 
     def _stop(self, fs, passband):
         """Stop edge for this pass edge, which may be another than that asked for; None where nothing is left to be stopped."""

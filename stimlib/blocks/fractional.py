@@ -19,6 +19,7 @@ from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import exponentials as soe
+from ..design import responses
 from ..errors import BadValue, UnitError
 from .table import Table, TableParams
 
@@ -179,6 +180,9 @@ class Springpot(Block):
             e, _padded(w.modes, e.size), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step
         )
         return p, rest_state(rates)
+
+    def laws(self, fs):
+        return (responses.springpot(self.order, self.scheme, self.tol, self.horizon, fs),)
 
     @staticmethod
     def work(p):
@@ -527,6 +531,9 @@ class ShortMemory(Block):
         n = _eights(POINTS)
         taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
         return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+
+    def laws(self, fs):
+        return (responses.short_memory(self.order, fs),)
 
     @staticmethod
     def work(p):

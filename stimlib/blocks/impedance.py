@@ -13,6 +13,7 @@ from ..core.graph import Block, Const, as_block, constant, positive
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
+from ..design import responses
 from ..errors import BadValue
 from .fir import RATE
 
@@ -52,6 +53,9 @@ class Velocity(Block):
         if self.cutoff >= fs / 2:
             raise BadValue(f"velocity: cutoff = {self.cutoff:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
         return VelocityParams(pole_gain(self.cutoff, fs), fs), VelocityState(0.0, 0.0, 0.0, 1.0)
+
+    def laws(self, fs):
+        return responses.slow_velocity(self.cutoff, fs), responses.velocity(self.cutoff)
 
     @staticmethod
     def step(p, s, x, contact):
@@ -136,6 +140,9 @@ class FirstOrder(Block):
         # 1 - m and m - e by series where they would cancel
         now = a / 2 - a * a / 6 + a**3 / 24 - a**4 / 120 + a**5 / 720 if a < 1e-2 else 1 + math.expm1(-a) / a
         return FirstOrderParams(e, now, -math.expm1(-a) - now), FirstOrderState(0.0, 0.0)
+
+    def laws(self, fs):
+        return responses.lag(self.tau), responses.ramp_invariant(self.tau)
 
     @staticmethod
     def step(p, s, x):

@@ -15,7 +15,7 @@ import numpy as np
 from ..core.graph import Block, positive
 from ..core.maths import modes
 from ..core.response import backward
-from ..design import minimax
+from ..design import minimax, responses
 from .noise import White, noise_key, normals
 
 
@@ -72,6 +72,9 @@ class Pinking(Modes):
         with minimax.asked_by("pinking"):
             m = minimax.pink_modes(fs, self.f_low, self.tol_db)
         return bank(m.e, m.r, m.d)
+
+    def laws(self, fs):
+        return (responses.pinking(self.f_low, self.tol_db),)
 
 
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
@@ -138,6 +141,9 @@ class PinkNoise(Modes):
         L = minimax.cholesky(minimax.stationary_covariance(e))
         q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
         return ModesState(_pad(q, s.q.size, 0.0))
+
+    def laws(self, fs):
+        return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)
 
 
 def pink_noise(

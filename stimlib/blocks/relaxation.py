@@ -28,6 +28,7 @@ from ..core.graph import Block, Const, as_block, constant
 from ..core.maths import copy, fma, memory, where
 from ..core.response import backward
 from ..core.units import unit
+from ..design import responses
 from ..errors import BadValue, UnitError
 from .fractional import ONSETS, Stiffness
 from .impedance import _with_unit, spring
@@ -124,6 +125,9 @@ class MaxwellArms(Block):
         e = _eights([v.e for v in s], 1.0)
         r = _eights([k * v.g for k, v in zip(self.k.tolist(), s, strict=True)], 0.0)
         return ArmsParams(e, r, 1.0 if self.onset == "step" else 0.0), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, 1.0)
+
+    def laws(self, fs):
+        return (responses.arms(self.k, self.tau),)
 
     @staticmethod
     def work(p):
@@ -370,6 +374,9 @@ class KelvinChain(Block):
         r = _eights([c * v.e * v.g for c, v in zip(j, s, strict=True)] + flow, 0.0)
         d = math.fsum([self.j0, *(c * v.h for c, v in zip(j, s, strict=True)), *(v / 2 for v in flow)])
         return ChainParams(e, r, d), ChainState(np.zeros(e.size), np.zeros(e.size), 0.0)
+
+    def laws(self, fs):
+        return (responses.chain(self.j0, self.j, self.tau, self.fluidity),)
 
     @staticmethod
     def work(p):

@@ -12,6 +12,7 @@ from ..core import units as un
 from ..core.graph import Block, as_block, positive
 from ..core.maths import fir, fma, memory, where
 from ..core.response import backward
+from ..design import responses
 from ..errors import BadValue
 from .fractional import DIFFERENCES, WORK, Springpot, begin, clear, force_unit, transfer
 
@@ -72,6 +73,9 @@ class Series(Block):
         other = self.other * (fs if self.dashpot else 1.0)
         numbers = (self.chi * math.pow(fs, self.order), p.taps[7], other, float(self.dashpot), self.order, fs)
         return SeriesParams(p.e, p.r, p.taps, p.constant, *numbers), SeriesState(s.line, s.q, s.low, 0.0, 0.0, 1.0)
+
+    def laws(self, fs):
+        return (responses.series(self.chi, self.order, self.other, self.dashpot, self.scheme, self.tol, self.horizon, fs),)
 
     @staticmethod
     def work(p):

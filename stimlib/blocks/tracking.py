@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ..core.graph import Block, as_block, positive
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
+from ..design import responses
 from ..errors import BadValue
 from .fir import RATE
 
@@ -93,6 +94,9 @@ def lag(p):
 class Track(Tracker):
     """Position of the tracker."""
 
+    def laws(self, fs):
+        return (responses.tracker(self.bandwidth),)
+
     @staticmethod
     def step(p, s, x, contact):
         after = follow(p, s, x, contact)
@@ -112,6 +116,9 @@ class TrackVelocity(Tracker):
 
     def units(self, *u):
         return u[0] * RATE
+
+    def laws(self, fs):
+        return (responses.tracker(self.bandwidth, rate=True),)
 
     @staticmethod
     def step(p, s, x, contact):

@@ -16,12 +16,12 @@ from ..blocks.noise import White
 from ..core.graph import Block, Enabled, reach
 from ..core.program import ROOT, lower
 from ..core.scene import Scene
+from ..design.responses import Law
 from ..errors import BadValue
 from ..motion.source import positions, sources_of
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
 from . import laws
-from .responses import RESPONSES, SHAPES, Law
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 FEWEST = 64  # enabled samples without which a noise is not tested
@@ -176,7 +176,7 @@ def with_taps(scene: Scene, fs: float):
         for b in reach([root]):
             if isinstance(b, Enabled) and id(b) not in seen:
                 seen.add(id(b))
-                if any(hasattr(c, "noise_key") for c in reach([b.block])) and not within_another(b, root):
+                if any(c.noise_key for c in reach([b.block])) and not within_another(b, root):
                     more += [b, b.by]
                     found.append((name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0))))
     more += free_noises(scene).values()
@@ -201,9 +201,10 @@ def noise_model(root: Block, fs: float):
     chain: list[Law] = []
     b = root
     while not isinstance(b, White):
-        if type(b) not in SHAPES:
+        law: tuple[Law, ...] = b.laws(fs)
+        if not (law and law[0].shapes):
             return None
-        chain.append(RESPONSES[type(b)](b, fs)[0])
+        chain.append(law[0])
         b = b.children[0]
 
     def psd(f):

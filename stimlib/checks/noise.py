@@ -51,13 +51,13 @@ def generator(e: Evidence) -> list[Check]:
 def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.ndarray | None:
     """The enabled samples of a gated noise once more: its blocks without the gate, inputs in place of the sources."""
     below = reach([t.block.block])
-    whites = [b for b in below if hasattr(b, "noise_key")]
+    whites = [b for b in below if b.noise_key]
     if any(isinstance(b, (Param, Enabled)) for b in below) or any(b.noise_key not in known for b in whites):
         return None
     new: dict[int, Block] = {}
     old: dict[int, Block] = {}
     for b in below:
-        if hasattr(b, "noise_key"):
+        if b.noise_key:
             new[id(b)] = Input("white_{}_{}".format(*b.noise_key))
         elif signals(type(b)):
             new[id(b)] = dc.replace(b, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]

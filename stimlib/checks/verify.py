@@ -21,7 +21,6 @@ from ..run.rendering import Rendering
 from .evidence import Check, Evidence, change, drive, gather
 from .noise import generator, noise
 from .report import Report
-from .responses import RESPONSES
 from .scenes import motor_limits, scene_law
 from .sidecar import clipped, says, storage
 
@@ -84,11 +83,11 @@ def linear_blocks(e: Evidence) -> list[Check]:
             checks.append(Check("a1", f"{name}: impulse response", apart, ROUNDING, "compiled taps = discrete response"))
         else:
             e.skipped.append(f"{name}: its impulse response never settles, so it is not transformed")
-        if type(b) not in RESPONSES:
+        if not b.laws(e.fs):
             e.skipped.append(f"{b!r}: no physical law is known for it")
             continue
         transfer: Any = type(b).transfer
-        for law in RESPONSES[type(b)](b, e.fs):
+        for law in b.laws(e.fs):
             error = law.error(partial(_response, transfer, p, e.fs), e.fs)
             checks.append(Check("a2", f"{name}: physical law", error, law.tol * (1 + 1e-6), law.text))
     return checks

@@ -11,7 +11,7 @@ import inspect
 import math
 import operator
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -88,6 +88,8 @@ class Block(Refusals):
             )
         object.__setattr__(self, "dim", dim)
 
+    sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
+
     autonomous: ClassVar[bool]  # no Input reaches it
     dim: ClassVar[Unit]  # unit of the output
 
@@ -115,9 +117,27 @@ class Block(Refusals):
         """A block with a ``transfer``, equal to this one while its signals after the first have these values."""
         return None
 
+    def laws(self, fs: float) -> tuple[Any, ...]:
+        """What the response stands for, whatever ``design`` says (``stimlib.design.responses``): ``verify`` compares both."""
+        return ()
+
+    def through(self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
+        """Response behind this block, of signals with responses H or constant values (None: neither); None if it has none."""
+        given = [v for v in value[1:] if v is not None]
+        if H[0] is None or len(given) < len(value) - 1:
+            return None  # only the first signal may vary
+        b = self.fixed(*given) or self
+        transfer = type(b).transfer
+        return None if transfer is None else transfer(p if b is self else b.design(fs)[0], z) * H[0]
+
     def memory(self, p: Any) -> int:
         """Samples until a finite-memory block has forgotten its first state."""
         return 0
+
+    @property
+    def noise_key(self) -> tuple[int, int] | None:
+        """(seed, stream) of a source of noise: no two of a scene may have the same."""
+        return None
 
     # -------------------------------------------------------------------------------------------------------------
     @property
@@ -424,9 +444,13 @@ class Add(Map):
 
     a: Block
     b: Block
+    sign = "+"
 
     def units(self, *u):
         return same_unit("add", self.a, self.b, *u)
+
+    def through(self, p, fs, z, H, value):
+        return sum(h for h in H if h is not None)
 
     @staticmethod
     def step(p, s, a, b):
@@ -439,9 +463,13 @@ class Sub(Map):
 
     a: Block
     b: Block
+    sign = "\u2212"
 
     def units(self, *u):
         return same_unit("subtract", self.a, self.b, *u)
+
+    def through(self, p, fs, z, H, value):
+        return H[0] if H[1] is None else -H[1] if H[0] is None else H[0] - H[1]
 
     @staticmethod
     def step(p, s, a, b):
@@ -454,9 +482,13 @@ class Mul(Map):
 
     a: Block
     b: Block
+    sign = "\u00d7"
 
     def units(self, *u):
         return u[0] * u[1]
+
+    def through(self, p, fs, z, H, value):
+        return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
 
     @staticmethod
     def step(p, s, a, b):
@@ -469,9 +501,13 @@ class Div(Map):
 
     a: Block
     b: Block
+    sign = "\u00f7"
 
     def units(self, *u):
         return u[0] / u[1]
+
+    def through(self, p, fs, z, H, value):
+        return H[0] / value[1] if H[0] is not None and value[1] is not None else None
 
     @staticmethod
     def step(p, s, a, b):
@@ -483,6 +519,10 @@ class Neg(Map):
     """-x."""
 
     x: Block
+    sign = "\u2212"
+
+    def through(self, p, fs, z, H, value):
+        return -H[0]
 
     @staticmethod
     def step(p, s, x):
@@ -494,6 +534,7 @@ class Abs(Map):
     """|x|."""
 
     x: Block
+    sign = "| |"
 
     @staticmethod
     def step(p, s, x):
@@ -514,6 +555,7 @@ class Greater(Compare):
 
     a: Block
     b: Block
+    sign = ">"
 
     @staticmethod
     def step(p, s, a, b):
@@ -526,6 +568,7 @@ class AtLeast(Compare):
 
     a: Block
     b: Block
+    sign = "\u2265"
 
     @staticmethod
     def step(p, s, a, b):
@@ -538,6 +581,7 @@ class Equal(Compare):
 
     a: Block
     b: Block
+    sign = "="
 
     @staticmethod
     def step(p, s, a, b):
@@ -550,6 +594,7 @@ class NotEqual(Compare):
 
     a: Block
     b: Block
+    sign = "\u2260"
 
     @staticmethod
     def step(p, s, a, b):
@@ -641,6 +686,9 @@ class Guard(Block):
 
     x: Block
     steps: float | None = None
+
+    def through(self, p, fs, z, H, value):
+        return H[0]
 
     def samples(self, fs):
         """Length of the fade."""

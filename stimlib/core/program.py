@@ -150,7 +150,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
     noises: dict[str, int] = {}
     for i, q in enumerate(instances):
-        if hasattr(q.block, "noise_key"):
+        if q.block.noise_key:
             name = "white({}, {})".format(*q.block.noise_key)
             if name in noises and not q.block.shared:
                 raise SceneError(
@@ -255,7 +255,7 @@ def _check_noise_objects(objects: list[Block]) -> None:
     """Two fingers must not silently feel one noise: by object, before equal sub-graphs are merged."""
     seen: dict[tuple[int, int], Block] = {}
     for b in objects:
-        key = getattr(b, "noise_key", None)
+        key = b.noise_key
         if key is not None:
             old = seen.setdefault(key, b)
             if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
@@ -306,7 +306,7 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
     total = [0] * len(program.instances)
     noisy = [False] * len(program.instances)
     for i, q in enumerate(program.instances):
-        noisy[i] = hasattr(q.block, "noise_key") or any(noisy[a] for a in q.args)
+        noisy[i] = q.block.noise_key is not None or any(noisy[a] for a in q.args)
         if q.autonomous and noisy[i]:
             total[i] = max((total[a] for a in q.args), default=0) + (q.block.memory(design[i][0]) if q.kind == "block" else 0)
             if total[i] > lead(fs):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .graph import Abs, Add, Const, Div, Enabled, Guard, Map, Mul, Neg, Param, Sub, pack, unpack
+from .graph import Const, Enabled, Map, Param, pack, unpack
 from .program import Program
 
 
@@ -90,32 +90,8 @@ def response(
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
             parts = [H.get(a) for a in q.args]
-            H[i] = _through(b, design[i][0], fs, z, parts, [value.get(a) for a in q.args])
-            if H[i] is None:
+            after = b.through(design[i][0], fs, z, parts, [value.get(a) for a in q.args])
+            if after is None:
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
+            H[i] = after
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
-
-
-def _through(b: Any, p: Any, fs: float, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
-    """Response after a block whose signals have responses H (None: the source does not reach it)."""
-    h = [0.0 if v is None else v for v in H]
-    if isinstance(b, Guard):
-        return H[0]
-    if isinstance(b, Add):
-        return h[0] + h[1]
-    if isinstance(b, Sub):
-        return h[0] - h[1]
-    if isinstance(b, Neg):
-        return -H[0]
-    if isinstance(b, Abs):
-        return None
-    if isinstance(b, Mul):
-        return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
-    if isinstance(b, Div):
-        return H[0] / value[1] if H[0] is not None and value[1] is not None else None
-    fixed = b.fixed(*value[1:]) if None not in value[1:] else None  # what it is while its other signals stand still
-    if fixed is not None:
-        b, p = fixed, fixed.design(fs)[0]
-    if type(b).transfer is None or H[0] is None or any(v is None for v in value[1:]):
-        return None  # only the first signal may vary
-    return type(b).transfer(p, z) * H[0]

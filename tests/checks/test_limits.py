@@ -6,13 +6,15 @@ from functools import partial
 import numpy as np
 import pytest
 from contract import TABLE
+from correct import OwnHighPass
 
 import stimlib
 from stimlib.analysis import spectra
 from stimlib.blocks.modes import PinkNoise
-from stimlib.checks import evidence, laws, noise, responses, scenes, sidecar, verify
+from stimlib.checks import evidence, laws, noise, scenes, sidecar, verify
 from stimlib.checks.evidence import Check, drive
 from stimlib.checks.report import GROUPS, Report
+from stimlib.design import responses
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
@@ -93,7 +95,7 @@ def test_tolerances_are_those_that_blocks_promise():
         (stimlib.blocks.fir(stimlib.Input("x"), np.ones(500)), [1e-12]),
         (stimlib.blocks.fir(stimlib.Input("x"), np.ones(5000)), [1e-11]),
     ):
-        assert [law.tol for law in responses.RESPONSES[type(b)](b, fs)] == pytest.approx(tols, rel=1e-9)
+        assert [law.tol for law in b.laws(fs)] == pytest.approx(tols, rel=1e-9)
 
 
 @pytest.mark.parametrize("taps", [np.random.default_rng(5).normal(size=5000), np.r_[np.zeros(4999), 1.0]], ids=["random", "last"])
@@ -104,6 +106,26 @@ def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     transfer = partial(verify._response, type(b).transfer, b.design(fs)[0], fs)
     assert law.tol / 100 < law.error(transfer, fs) < law.tol / 2
     assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
+
+
+@pytest.mark.parametrize(("size", "good"), [(INSIDE, True), (OUTSIDE, False)])
+def test_a_users_block_is_held_against_the_law_that_it_states(size, good):
+    @dc.dataclass(frozen=True, eq=False)
+    class Own(stimlib.Block):
+        x: stimlib.Block
+        tau: float
+        design, step, transfer = OwnHighPass.design, staticmethod(OwnHighPass.step), staticmethod(OwnHighPass.transfer)
+
+        def laws(self, fs):
+            p, _ = self.design(fs)
+
+            def off(f, fs):
+                return OwnHighPass.transfer(p, np.exp(2j * np.pi * f / fs)) / (1 - size * 1e-6)
+
+            return (responses.Law(responses.whole_band(50), off, 1e-6, "its own"),)
+
+    e = gathered(stimlib.Scene({"y": Own(stimlib.Input("x"), 0.05)}), {"x": np.ones(100)}, None)
+    assert passed(verify.linear_blocks(e), e, "Own: physical law") == good
 
 
 @pytest.mark.parametrize("which", ["shown", "y"])

@@ -1,28 +1,18 @@
 """What linear blocks stand for: frequency responses, written here from the papers; nothing of a block's design or step is used.
 
-Each law is a function of plain numbers.  ``RESPONSES`` reads these numbers off a block's own fields; the tests' table of
-blocks gives them by hand.
+Each law is a function of plain numbers.  A block's ``laws`` gives those of its own fields; the tests' table of blocks gives
+them by hand.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..blocks.creep import Integral
-from ..blocks.delay import Delay
-from ..blocks.fir import Differentiator, Taps
-from ..blocks.fractional import ShortMemory, Springpot
-from ..blocks.impedance import FirstOrder, Velocity
-from ..blocks.modes import Pinking, PinkNoise
-from ..blocks.relaxation import KelvinChain, MaxwellArms
-from ..blocks.series import Series
-from ..blocks.tracking import Track, TrackVelocity
-from ..core.graph import Block
-
+Numbers = Sequence[float] | np.ndarray
 ALIASES = np.arange(-300, 301)
 POINTS = 2001
 
@@ -36,6 +26,7 @@ class Law(NamedTuple):
     text: str
     of: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = lambda H, f, fs: H
     size: Callable[[np.ndarray], np.ndarray] = np.abs
+    shapes: bool = False  # whether it is what the block makes of the spectrum of a noise
 
     def error(self, H: Callable[[np.ndarray], np.ndarray], fs: float) -> float:
         """How far a response, a function of frequencies in Hz, is from the law."""
@@ -78,13 +69,13 @@ def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
     """White noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
     text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
     top = band(f_low, lambda fs: 0.45 * fs)
-    return Law(top, lambda f, fs: np.sqrt(psd_1hz / f * fs / 2), _db(tol_db), text, _size)
+    return Law(top, lambda f, fs: np.sqrt(psd_1hz / f * fs / 2), _db(tol_db), text, _size, shapes=True)
 
 
 def pinking(f_low: float, tol_db: float) -> Law:
     """|H|^2 = 1/w, w = 2 pi f/fs."""
     top = band(f_low, lambda fs: 0.45 * fs)
-    return Law(top, lambda f, fs: np.sqrt(fs / (2 * np.pi * f)), _db(tol_db), "|H|^2 = 1/w, 3 dB/oct", _size)
+    return Law(top, lambda f, fs: np.sqrt(fs / (2 * np.pi * f)), _db(tol_db), "|H|^2 = 1/w, 3 dB/oct", _size, shapes=True)
 
 
 # Filters -----------------------------------------------------------------------------------------------------------------
@@ -98,7 +89,11 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
         return H * np.exp(1j * np.pi * f * (order or 2 * round(64 * fs / 8000)) / fs)
 
     text = f"i 2 pi f behind half its order, within {tol:g}"
-    return Law(lambda fs: np.geomspace(top(fs) / 1000, top(fs), POINTS), lambda f, fs: 2j * np.pi * f, tol, text, straight)
+
+    def below_the_edge(fs):
+        return np.geomspace(top(fs) / 1000, top(fs), POINTS)
+
+    return Law(below_the_edge, lambda f, fs: 2j * np.pi * f, tol, text, straight, shapes=True)
 
 
 def stop_band(passband: float, stopband: float, tol: float) -> Law:
@@ -116,10 +111,10 @@ def delay(samples: int) -> Law:
     def law(f, fs):
         return np.exp(-2j * np.pi * (f * samples / fs % 1))
 
-    return Law(below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples")
+    return Law(below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples", shapes=True)
 
 
-def sum_of(taps: Sequence[float] | np.ndarray) -> Law:
+def sum_of(taps: Numbers) -> Law:
     """The sum of the taps' delays, relative to the largest value it has.
 
     Two computations differ in the phase of a sample's delay by the rounding of a turn, 2e-15 at most, and a sum of n taps changes
@@ -150,7 +145,7 @@ def slow_velocity(cutoff: float, fs: float) -> Law:
         return 2j * np.pi * f / (1 + 1j * f / cutoff) ** 2 * np.exp(1j * np.pi * f / fs)
 
     tol = (2 * math.pi * cutoff / fs) ** 2 / 4 + 1e-12
-    return Law(band(cutoff / 100, lambda fs: cutoff), law, tol, f"i 2 pi f through two poles of {cutoff:g} Hz")
+    return Law(band(cutoff / 100, lambda fs: cutoff), law, tol, f"i 2 pi f through two poles of {cutoff:g} Hz", shapes=True)
 
 
 def ramp_invariant(tau: float) -> Law:
@@ -170,7 +165,7 @@ def ramp_invariant(tau: float) -> Law:
 def lag(tau: float) -> Law:
     """1/(1 + i w tau), far below the sample rate."""
     low = band(0.1, lambda fs: fs / 400)
-    return Law(low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})")
+    return Law(low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})", shapes=True)
 
 
 def tracker(bandwidth: float, rate: bool = False) -> Law:
@@ -188,7 +183,7 @@ def tracker(bandwidth: float, rate: bool = False) -> Law:
 
 
 # Materials ---------------------------------------------------------------------------------------------------------------
-def arms(k: Sequence[float], tau: Sequence[float], k0: float = 0.0) -> Law:
+def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
     """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less a lag."""
     total = k0 + sum(k)
 
@@ -198,7 +193,7 @@ def arms(k: Sequence[float], tau: Sequence[float], k0: float = 0.0) -> Law:
     return Law(whole_band(40), law, 1e-7, f"{len(k)} Maxwell arms", size=lambda h: np.full(h.shape, total))
 
 
-def chain(j0: float, j: Sequence[float], tau: Sequence[float], fluidity: float) -> Law:
+def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
     """j0 + sum j/(1 + i w tau) + fluidity/(i w) of straight lines between samples; an integral is the trapezoidal rule."""
 
     def law(f, fs):
@@ -236,16 +231,16 @@ def power(chi: float, alpha: float) -> Law:
     return Law(low, lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3, f"{chi:g} (i w)^{alpha:g}")
 
 
-def series(b: Any, fs: float) -> Law:
+def series(chi: float, alpha: float, other: float, dashpot: bool, scheme: str, tol: float, horizon: float, fs: float) -> Law:
     """Springpot and spring (or dashpot) share one force: 1/(1/(chi (i w)^alpha) + 1/k)."""
 
     def law(f, fs):
-        pot = b.chi * _order(f, fs, b.order, b.scheme)
-        other = b.other * fs * difference(f, fs) if b.dashpot else b.other
-        return pot * other / (pot + other)
+        pot = chi * _order(f, fs, alpha, scheme)
+        second = other * fs * difference(f, fs) if dashpot else other
+        return pot * second / (pot + second)
 
-    tol = 2 * _order_tol(fs, b.order, b.scheme, b.tol)
-    return Law(band(100 / b.horizon, lambda fs: fs / 1000), law, tol, "springpot in series with another element")
+    limit = 2 * _order_tol(fs, alpha, scheme, tol)
+    return Law(band(100 / horizon, lambda fs: fs / 1000), law, limit, "springpot in series with another element")
 
 
 def short_memory(alpha: float, fs: float) -> Law:
@@ -254,27 +249,3 @@ def short_memory(alpha: float, fs: float) -> Law:
 
     j = np.arange(100)
     return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(text="sum over the last 100 samples")
-
-
-# By block ----------------------------------------------------------------------------------------------------------------
-RESPONSES: dict[type[Block], Callable[[Any, float], tuple[Law, ...]]] = {
-    PinkNoise: lambda b, fs: (pink_noise(b.psd_1hz, b.f_low, b.tol_db),),
-    Pinking: lambda b, fs: (pinking(b.f_low, b.tol_db),),
-    Differentiator: lambda b, fs: (differentiator(b.passband, b.order, b.tol),),
-    Velocity: lambda b, fs: (slow_velocity(b.cutoff, fs), velocity(b.cutoff)),
-    FirstOrder: lambda b, fs: (lag(b.tau), ramp_invariant(b.tau)),
-    Delay: lambda b, fs: (delay(round(b.seconds * fs) if b.samples is None else b.samples),),
-    Taps: lambda b, fs: (sum_of(b.taps),),
-    Track: lambda b, fs: (tracker(b.bandwidth),),
-    TrackVelocity: lambda b, fs: (tracker(b.bandwidth, rate=True),),
-    MaxwellArms: lambda b, fs: (arms(b.k, b.tau),),
-    KelvinChain: lambda b, fs: (chain(b.j0, b.j, b.tau, b.fluidity),),
-    Integral: lambda b, fs: (running_sum(),),
-    Springpot: lambda b, fs: (springpot(b.order, b.scheme, b.tol, b.horizon, fs),),
-    Series: lambda b, fs: (series(b, fs),),
-    ShortMemory: lambda b, fs: (short_memory(b.order, fs),),
-}
-"""The laws of a block at a sample rate."""
-
-SHAPES = (PinkNoise, Pinking, Differentiator, Velocity, FirstOrder, Delay)
-"""Blocks whose first law is the shape that they give to the spectrum of a noise."""
