@@ -13,7 +13,7 @@ from bench import interleaved, machine, medians, ratio, save
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks.carrier import bump
+from stimlib.blocks import bump
 from stimlib.scenes.bumps import bumps
 
 FS, N, BLOCK, CHUNK = 8000, 1 << 18, 8192, 16384  # numpy is fastest in chunks of 16384

@@ -24,7 +24,7 @@ from scipy.special import rgamma
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks.fractional import springpot
+from stimlib.blocks import springpot
 
 LD = np.longdouble
 Y = Input("y", "m")

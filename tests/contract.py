@@ -19,7 +19,8 @@ import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.actuator import ForceLimit, Tally, force_limit, motor_current, slew_limit, static_limit
-from stimlib.blocks.carrier import bump, carrier
+from stimlib.blocks.bump import bump
+from stimlib.blocks.carrier import carrier
 from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White

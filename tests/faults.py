@@ -16,11 +16,12 @@ import stimlib
 from stimlib import Input, Scene, StimlibError, constant
 from stimlib import blocks as b
 from stimlib.blocks.actuator import StaticLimit
-from stimlib.blocks.carrier import Carrier, LinearBump, SineBump
+from stimlib.blocks.bump import LinearBump, SineBump
+from stimlib.blocks.carrier import Carrier
 from stimlib.blocks.creep import Integral
 from stimlib.blocks.delay import Delay
 from stimlib.blocks.fir import Differentiator, Taps
-from stimlib.blocks.fractional import ShortMemory, Springpot, SpringpotLive
+from stimlib.blocks.fractional import Springpot, SpringpotLive
 from stimlib.blocks.gate import Gate, GateState
 from stimlib.blocks.impedance import FirstOrder, Velocity
 from stimlib.blocks.modes import Modes, Pinking, PinkNoise
@@ -28,6 +29,7 @@ from stimlib.blocks.noise import ONE, White, WhiteState, noise_key, pair_of_word
 from stimlib.blocks.relaxation import KelvinChain, MaxwellArms, compliance_kelvin_voigt, maxwell
 from stimlib.blocks.series import Series
 from stimlib.blocks.table import Lut
+from stimlib.blocks.thesis import ShortMemory
 from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
 from stimlib.core.maths import copy, where, words
 from stimlib.core.maths import modes as modes_sum

@@ -2,12 +2,13 @@
 
 from ..core.graph import constant, enabled
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
-from .carrier import bump, carrier
+from .bump import bump
+from .carrier import carrier
+from .continuous import equal_force, springpot_stiffness
 from .creep import compliance
 from .delay import delay
 from .equalise import equalize
 from .fir import differentiator, fir
-from .fractional import equal_force, springpot, springpot_stiffness
 from .gate import loading
 from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
@@ -22,6 +23,7 @@ from .relaxation import (
     standard_linear_solid,
 )
 from .series import springpot_series
+from .springpot import springpot
 from .table import lut
 from .tracking import track, track_velocity
 

@@ -10,7 +10,8 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..errors import UnitError
-from .fractional import Springpot, coefficient
+from .fractional import Springpot
+from .springpot import coefficient
 
 
 class IntegralParams(NamedTuple):

@@ -14,7 +14,7 @@ from ..core.bounds import limits
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
 from ..errors import BadValue
-from .impedance import _with_unit
+from .impedance import with_unit
 from .maps import clip, maximum
 from .table import OUTSIDE, lut
 
@@ -194,7 +194,7 @@ def equalize(
         low, high = (Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]])
         y = y * (middle >= low) * (middle <= high)
     if limit is not None:
-        return within(y, limit, headroom, None if peak is None else _with_unit(peak, str(y.dim)) * (float(d.max()) / lowest))
+        return within(y, limit, headroom, None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest))
     if headroom != "clip":
         raise BadValue(
             f"equalize: headroom = {headroom!r} needs a limit"
@@ -208,7 +208,7 @@ def within(y: Block, limit, headroom: str, peak=None) -> Block:
     """y held within -limit .. limit: clipped, or first scaled by limit/peak where the peak is larger."""
     if headroom not in HEADROOM:
         raise BadValue(f"headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}")
-    top = _with_unit(limit, str(y.dim))
+    top = with_unit(limit, str(y.dim))
     if isinstance(top, Const) and not top.value > 0:
         raise BadValue(f"limit = {top.value:g} must be above 0")
     if headroom == "scale":

@@ -195,7 +195,7 @@ def first_order(x: Block, tau: float) -> Block:
     return FirstOrder(x, tau)
 
 
-def _with_unit(v, text: str) -> Block:
+def with_unit(v, text: str) -> Block:
     """A number gets the unit; a signal must have it (in the sum it would fail with a less helpful word)."""
     b = as_block(v)
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
@@ -232,7 +232,7 @@ def spring(x: Block, k) -> Block:
     >>> str(spring(Input("x", "m"), 2000.0).dim)
     'N'
     """
-    force = _with_unit(k, "N/m") * x
+    force = with_unit(k, "N/m") * x
     if force.dim != unit("N"):
         raise un.UnitError(f"spring: k [{as_block(k).dim}] times {x!r} [{x.dim}] is [{force.dim}], not a force")
     return force
@@ -273,7 +273,7 @@ def kelvin_voigt(x: Block, k, b, cutoff: float = 100.0) -> Block:
     >>> str(kelvin_voigt(Input("x", "m"), 500.0, 2.0).dim)
     'N'
     """
-    return spring(x, k) + _with_unit(b, "N*s/m") * velocity(x, cutoff)
+    return spring(x, k) + with_unit(b, "N*s/m") * velocity(x, cutoff)
 
 
 def step_peak(cutoff: float, fs: float) -> float:

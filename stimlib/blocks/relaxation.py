@@ -30,8 +30,9 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue, UnitError
-from .fractional import ONSETS, Stiffness
-from .impedance import _with_unit, spring
+from .continuous import Stiffness
+from .fractional import ONSETS
+from .impedance import spring, with_unit
 from .maps import Where
 
 AGAIN = 2.0  # ``cold`` after a contact has ended; 1 before the first
@@ -553,7 +554,7 @@ def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None 
 
 def _over(y: Block, k, f) -> Block:
     """y over a stiffness, which must be a length."""
-    out = y / _with_unit(k, "N/m")
+    out = y / with_unit(k, "N/m")
     if out.dim != unit("m"):
         raise UnitError(
             f"compliance: {as_block(f)!r} [{y.dim}] over a stiffness is [{out.dim}], not a length; give f in N, k in N/m"

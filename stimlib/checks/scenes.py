@@ -143,7 +143,8 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.nda
 
 def _viscoelastic(e: Evidence) -> list[Check]:
     """The springpot's force at some samples against the full sum over the history, in extended precision."""
-    from ..blocks.fractional import Downsampled, ShortMemory, Springpot, SpringpotLive
+    from ..blocks.fractional import Springpot, SpringpotLive
+    from ..blocks.thesis import Downsampled, ShortMemory
 
     kinds = (Springpot, SpringpotLive, Downsampled, ShortMemory)
     spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, kinds))
@@ -204,7 +205,8 @@ def _bumps(e: Evidence) -> list[Check]:
     Equalised, it is that times d_max/d between the last two places; limited, it is scaled, or clipped, or both.
     """
     from ..analysis import am
-    from ..blocks.carrier import Bump, Carrier
+    from ..blocks.bump import Bump
+    from ..blocks.carrier import Carrier
     from ..blocks.maps import Maximum, Minimum
     from ..blocks.table import Lut, Polynomial
 

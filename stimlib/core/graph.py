@@ -126,7 +126,8 @@ class Block(Refusals):
         given = [v for v in value[1:] if v is not None]
         if H[0] is None or len(given) < len(value) - 1:
             return None  # only the first signal may vary
-        b = self.fixed(*given) or self
+        fixed = self.fixed(*given)
+        b = self if fixed is None else fixed
         transfer = type(b).transfer
         return None if transfer is None else transfer(p if b is self else b.design(fs)[0], z) * H[0]
 

@@ -385,14 +385,14 @@ class SpringpotFit(MaterialFit):
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.fractional.springpot``.
+            Of ``stimlib.blocks.springpot``.
 
         Returns
         -------
         Block
             Force in N.
         """
-        from ..blocks.fractional import springpot
+        from ..blocks.springpot import springpot
 
         return springpot(y, self.chi, self.alpha, **options)
 

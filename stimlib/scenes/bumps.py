@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..blocks.carrier import bump, carrier
+from ..blocks.bump import bump
+from ..blocks.carrier import carrier
 from ..blocks.equalise import equalize, within
 from ..blocks.maps import nonzero
 from ..core.graph import Input, Param, check_arguments, constant

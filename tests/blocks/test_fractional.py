@@ -18,7 +18,8 @@ from scipy.special import rgamma
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.fractional import Springpot, equal_force, springpot, springpot_stiffness
+from stimlib.blocks import equal_force, springpot, springpot_stiffness
+from stimlib.blocks.fractional import Springpot
 from stimlib.errors import BadValue, SceneError, UnitError
 
 LONG = bool(os.environ.get("STIMLIB_LONG"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib.blocks.carrier import LinearBump
+from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
 from stimlib.checks import laws
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid

@@ -17,8 +17,9 @@ import numpy as np
 from jax import lax
 
 from ...blocks import fractional as pot
-from ...blocks import noise
-from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified, sinpi
+from ...blocks import noise, thesis
+from ...blocks.bump import sinpi
+from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.delay import Delay
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
@@ -426,7 +427,7 @@ def downsampled(b, p, s, x, run):
     i = jnp.arange(run.n)
     k = i - latest(h.fresh)
     z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
-    m = jnp.maximum((k + pot.POINTS - 1) // pot.POINTS, 1)
+    m = jnp.maximum((k + thesis.POINTS - 1) // thesis.POINTS, 1)
 
     def body(total, jw):
         j, w = jw
@@ -489,5 +490,6 @@ LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
-    pot.Springpot: springpot, pot.SpringpotLive: springpot_live, pot.Downsampled: downsampled, pot.ShortMemory: short_memory,
+    pot.Springpot: springpot, pot.SpringpotLive: springpot_live,
+    thesis.Downsampled: downsampled, thesis.ShortMemory: short_memory,
 }  # fmt: skip

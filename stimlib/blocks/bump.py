@@ -1,0 +1,453 @@
+"""Envelopes tied to the finger's place: bumps, each sampled by area, a sample being the mean over the movement of one period.
+
+Only sums and products are used, no mathematical library, so that the bits are the same on every machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import units as un
+from ..core.graph import Block, Const, Param, as_block
+from ..core.maths import floor, fma, where
+from ..errors import BadValue, UnitError
+
+U, INT = np.uint64, np.int64
+NONE, ONE = U(0), U(1)
+
+WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
+SAMPLINGS = ("area", "point")
+LEAST = 1e-6
+"""Smallest duty of a parameter."""
+
+# sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1: relative errors below 1e-16
+P0, P1, P2, P3 = 3.141592653589793, -5.167712780049969, 2.5501640398773007, -0.5992645293189447
+P4, P5, P6, P7 = 0.0821458865731029, -0.007370430505916944, 0.0004662998161898394, -2.1903497074626018e-05
+P8 = 7.697826768224191e-07
+G0, G1, G2, G3 = 1.6449340668482264, -0.8117424252833536, 0.19075182412208397, -0.026147847817651126
+G4, G5, G6, G7 = 0.002346081035426408, -0.000148428792893624, 6.975873261074044e-06, -2.531209900320938e-07
+G8, G9, G10 = 7.303807539233181e-09, -1.709751764178703e-10, 3.058160916927997e-12
+
+
+def sinpi(x):
+    """sin(pi x) for |x| <= 1/2."""
+    z = x * x
+    return x * fma(fma(fma(fma(fma(fma(fma(fma(P8, z, P7), z, P6), z, P5), z, P4), z, P3), z, P2), z, P1), z, P0)
+
+
+def gap(x):
+    """1 - sin(pi x)/(pi x) for |x| <= 1: what averaging over x half periods takes from a sinusoid."""
+    z = x * x
+    q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
+    return z * fma(fma(fma(fma(fma(q, z, G4), z, G3), z, G2), z, G1), z, G0)
+
+
+# Envelopes -----------------------------------------------------------------------------------------------------------
+# A place on a ridge is its part z of 0..1.  The mean of each envelope over z from a to b is written without a division by
+# b - a and without a difference of nearly equal numbers; the mean over any movement follows from it.
+def cell(u):
+    """(whole number, rest in 0..1 and below 1) of a spatial phase."""
+    k = floor(u)
+    w = u - k  # may round up to 1
+    return where(w >= 1.0, k + 1.0, k), where(w >= 1.0, 0.0, w)
+
+
+def held_duty(d):
+    """A live duty, held between 1e-6 and 1."""
+    return where(d < LEAST, LEAST, where(d > 1.0, 1.0, d))
+
+
+def on_ridge(w, d, r):
+    """Part of the ridge, of width d = 1/r, that lies behind a place in its cell."""
+    return where(w < d, w * r, 1.0)
+
+
+def bounded(y):
+    """Held in 0 .. 1 against rounding; nan stays."""
+    return where(y <= 0.0, 0.0, where(y > 1.0, 1.0, y))
+
+
+def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
+    """Mean of the envelope over a movement du, from its mean between a and b of a ridge and over a whole ridge."""
+    part = d * fma(k1 - k0, whole, (b - a) * mean) / du
+    y = where(du == 0.0, 0.0 * d, part)
+    return bounded(where(k0 == k1, where(w0 < d, where(w1 < d, mean, y), y), y))
+
+
+def began(p, last, cold, u):
+    """Where this sample's movement began: here, after a start or for point sampling."""
+    return where(p.area > 0.0, where(cold > 0.0, u, last), u)
+
+
+def lifted(contact):
+    """1 after a sample off contact."""
+    return where(contact > 0.0, 0.0, 1.0)
+
+
+def regular(duty, contact):
+    """(samples in contact, samples in contact that have the first one's duty)."""
+    n, m = NONE, NONE
+    for i in range(contact.size):
+        n = n + where(contact[i] > 0.0, ONE, NONE)
+        m = m + where(contact[i] > 0.0, where(duty[i] == duty[0], ONE, NONE), NONE)
+    return n, m
+
+
+def cells(first, u, d, k, w):
+    """Cells of where the movement began and of all samples; how many of these are on the same ridge or in the same groove."""
+    k[0], w[0] = cell(first)
+    k1, w1, together, place, ridge = k[1:], w[1:], NONE, k[0], where(w[0] < d, ONE, NONE)
+    for i in range(u.size):
+        k1[i], w1[i] = cell(u[i])
+        together = together + where(k1[i] == place, where(w1[i] < d, ridge, ONE - ridge), NONE)
+    return together
+
+
+class BumpState(NamedTuple):
+    last: float
+    cold: float  # 1: the next sample is the first
+
+
+@dataclass(frozen=True, eq=False)
+class Bump(Block, abstract=True):
+    """The mean of a unipolar envelope e(u) of period 1 over u[n-1] .. u[n].
+
+    e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the groove.  Each tile has a fast way for
+    what is usual, one duty and steady contact, and within it for tiles on one ridge or in one groove.
+    """
+
+    u: Block
+    duty: Block
+    contact: Block
+    sampling: str
+
+    def check(self):
+        if self.sampling not in SAMPLINGS:
+            raise BadValue(f"bump: sampling = {self.sampling!r}; choose one of {', '.join(SAMPLINGS)}")
+        d = self.duty
+        if isinstance(d, (Const, Param)) and not 0 < d.value <= 1:
+            raise BadValue(f"bump: duty = {d.value!r} must be above 0 and at most 1")
+
+    def units(self, *u):
+        for name, v in zip(("u", "duty"), u, strict=False):
+            if v != un.ONE:
+                hint = ": divide the position by the wavelength" if name == "u" else ""
+                raise UnitError(f"bump: {name} = {getattr(self, name)!r} [{v}] must have no unit{hint}")
+        return un.ONE
+
+    def delay(self, p):
+        """A mean over the last sample period lies half a sample back."""
+        return 0.5 * p.area
+
+    @property
+    def area(self) -> float:
+        """1 or 0, for the parameters."""
+        return float(self.sampling == "area")
+
+
+class LinearParams(NamedTuple):
+    area: float
+    start: float
+    slope: float
+    whole: float
+
+
+def linear_mean(p, a, b):
+    """A straight line's mean is its value in the middle."""
+    return fma(p.slope, 0.5 * (a + b), p.start)
+
+
+def linear(p, d, r, k0, w0, k1, w1, du):
+    """The mean over a movement."""
+    a, b = on_ridge(w0, d, r), on_ridge(w1, d, r)
+    return average(k0, w0, k1, w1, du, d, a, b, linear_mean(p, a, b), p.whole)
+
+
+def linear_sample(p, last, cold, u, duty, contact):
+    """One sample, whatever happens."""
+    u0, d = began(p, last, cold, u), held_duty(duty)
+    k0, w0 = cell(u0)
+    k1, w1 = cell(u)
+    return where(contact > 0.0, linear(p, d, 1.0 / d, k0, w0, k1, w1, u - u0), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearBump(Bump):
+    """square: e = 1;  sawtooth: e = z."""
+
+    waveform: str
+
+    def design(self, fs):
+        start, slope = (1.0, 0.0) if self.waveform == "square" else (0.0, 1.0)
+        return LinearParams(self.area, start, slope, start + slope / 2), BumpState(0.0, 1.0)
+
+    @staticmethod
+    def work(p):
+        return 130
+
+    @staticmethod
+    def step(p, s, u, duty, contact):
+        return linear_sample(p, s.last, s.cold, u, duty, contact), BumpState(u, lifted(contact))
+
+    @staticmethod
+    def tile(p, s, u, duty, contact, y, w):
+        n, all_of = y.size - 1, U(y.size)
+        before, gone, v, now, touch, out = u[:n], contact[:n], u[1:], duty[1:], contact[1:], y[1:]
+        touching, usual = regular(duty, contact)
+        if touching == NONE:
+            y[:] = 0.0
+        elif usual < all_of:
+            y[0] = linear_sample(p, s.last, s.cold, u[0], duty[0], contact[0])
+            for i in range(n):
+                out[i] = linear_sample(p, before[i], lifted(gone[i]), v[i], now[i], touch[i])
+        else:
+            d = held_duty(duty[0])
+            r, first = 1.0 / d, began(p, s.last, s.cold, u[0])
+            k, z = w[:65], w[65:]
+            together = cells(first, u, d, k, z)
+            k1, z1 = k[1:], z[1:]
+            if together == all_of and z[0] >= d:
+                y[:] = 0.0
+            elif p.area == 0.0:
+                for i in range(y.size):
+                    e = where(z1[i] < d, bounded(linear_mean(p, z1[i] * r, z1[i] * r)), 0.0 * d)
+                    y[i] = where(u[i] - u[i] == 0.0, e, u[i] - u[i])
+            elif together == all_of:
+                for i in range(y.size):
+                    y[i] = bounded(linear_mean(p, z[i] * r, z1[i] * r))
+            else:
+                y[0] = linear(p, d, r, k[0], z[0], k[1], z[1], u[0] - first)
+                k2, z2 = k[2:], z[2:]
+                for i in range(n):
+                    out[i] = linear(p, d, r, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
+        return BumpState(u[n], lifted(contact[n]))
+
+
+class SineParams(NamedTuple):
+    area: float
+    half: float
+
+
+class SineShape(NamedTuple):
+    d: float
+    r: float  # 1/d
+    k: float  # half periods of the sinusoid on a ridge
+    h: float  # 1/sin(pi k/2)^2
+    whole: float  # mean over a ridge
+
+
+def sine_shape(p, duty):
+    """Numbers that depend on the duty alone."""
+    d = held_duty(duty)
+    k = where(p.half > 0.0, 0.5, d)
+    s = sinpi(0.5 * k)
+    h = 1.0 / (s * s)
+    return SineShape(d, 1.0 / d, k, h, fma(-0.5 * h, gap(k), 1.0))
+
+
+def sine_top(q, z):
+    """The envelope itself."""
+    s = sinpi(q.k * (z - 0.5))
+    return fma(-(s * s), q.h, 1.0)
+
+
+def sine_mean(q, a, b):
+    """e(m) - g (e(m) + h/2 - 1), m = (a+b)/2, g = 1 - sin(x)/x, x = pi k (b-a)."""
+    e = sine_top(q, 0.5 * (a + b))
+    return fma(-gap(q.k * (b - a)), fma(0.5, q.h, e - 1.0), e)
+
+
+def sine(q, k0, w0, k1, w1, du):
+    """The mean over a movement."""
+    a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
+    return average(k0, w0, k1, w1, du, q.d, a, b, sine_mean(q, a, b), q.whole)
+
+
+def sine_sample(p, last, cold, u, duty, contact):
+    """One sample, whatever happens."""
+    u0 = began(p, last, cold, u)
+    k0, w0 = cell(u0)
+    k1, w1 = cell(u)
+    return where(contact > 0.0, sine(sine_shape(p, duty), k0, w0, k1, w1, u - u0), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SineBump(Bump):
+    """e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2;  sine: k = duty;  half_sine: k = 1/2, e = sin(pi z).
+
+    That is (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a cosine.
+    """
+
+    waveform: str
+
+    def design(self, fs):
+        return SineParams(self.area, float(self.waveform == "half_sine")), BumpState(0.0, 1.0)
+
+    @staticmethod
+    def work(p):
+        return 130
+
+    @staticmethod
+    def step(p, s, u, duty, contact):
+        return sine_sample(p, s.last, s.cold, u, duty, contact), BumpState(u, lifted(contact))
+
+    @staticmethod
+    def tile(p, s, u, duty, contact, y, w):
+        n, all_of = y.size - 1, U(y.size)
+        before, gone, v, now, touch, out = u[:n], contact[:n], u[1:], duty[1:], contact[1:], y[1:]
+        touching, usual = regular(duty, contact)
+        if touching == NONE:
+            y[:] = 0.0
+        elif usual < all_of:
+            y[0] = sine_sample(p, s.last, s.cold, u[0], duty[0], contact[0])
+            for i in range(n):
+                out[i] = sine_sample(p, before[i], lifted(gone[i]), v[i], now[i], touch[i])
+        else:
+            q, first = sine_shape(p, duty[0]), began(p, s.last, s.cold, u[0])
+            k, z = w[:65], w[65:]
+            together = cells(first, u, q.d, k, z)
+            k1, z1 = k[1:], z[1:]
+            if together == all_of and z[0] >= q.d:
+                y[:] = 0.0
+            elif p.area == 0.0:
+                for i in range(y.size):
+                    e = where(z1[i] < q.d, bounded(sine_top(q, on_ridge(z1[i], q.d, q.r))), 0.0 * q.d)
+                    y[i] = where(u[i] - u[i] == 0.0, e, u[i] - u[i])
+            elif together == all_of:
+                for i in range(y.size):
+                    y[i] = bounded(sine_mean(q, z[i] * q.r, z1[i] * q.r))
+            else:
+                y[0] = sine(q, k[0], z[0], k[1], z[1], u[0] - first)
+                k2, z2 = k[2:], z[2:]
+                for i in range(n):
+                    out[i] = sine(q, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
+        return BumpState(u[n], lifted(contact[n]))
+
+
+class TableBumpParams(NamedTuple):
+    area: float
+    values: np.ndarray  # at both ends of each piece
+    sums: np.ndarray  # of the pieces' means, up to each knot
+    pieces: float
+    whole: float
+
+
+def piece(p, z):
+    """Number of the piece, as a float, that holds z (0 for nan)."""
+    i = floor(z * p.pieces)
+    return where(i > 0.0, where(i < p.pieces, i, p.pieces - 1.0), 0.0)
+
+
+def on_piece(p, i, q):
+    """Value of piece i at its part q."""
+    a, b = p.values[U(i)], p.values[U(i) + ONE]
+    return fma(b - a, q, a)
+
+
+def table_mean(p, a, b):
+    """Mean over a to b, whichever is larger: the rest of one piece, whole pieces, a part of the last."""
+    low, high = where(a < b, a, b), where(a < b, b, a)
+    i, j = piece(p, low), piece(p, high)
+    x, y = fma(low, p.pieces, -i), fma(high, p.pieces, -j)
+    first = (1.0 - x) * (0.5 * (on_piece(p, i, x) + p.values[U(i) + ONE]))
+    last = y * (0.5 * (p.values[U(j)] + on_piece(p, j, y)))
+    between = p.sums[U(j)] - p.sums[U(i) + ONE]
+    return where(i == j, on_piece(p, i, 0.5 * (x + y)), (first + between + last) / ((high - low) * p.pieces))
+
+
+@dataclass(frozen=True, eq=False)
+class TableBump(Bump):
+    """e = straight lines between values that are spread evenly over the ridge, z = 0 .. 1."""
+
+    values: np.ndarray
+
+    def check(self):
+        Bump.check(self)
+        v = self.values
+        if np.ndim(v) != 1 or len(v) < 2:
+            raise BadValue(f"bump: a waveform given as a table needs one row of at least 2 values, got shape {np.shape(v)}")
+        if not ((np.asarray(v) >= 0) & (np.asarray(v) <= 1)).all():
+            raise BadValue("bump: the values of a waveform must lie in 0 .. 1; multiply the bump by its amplitude")
+
+    def design(self, fs):
+        v = np.array(self.values)
+        sums = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
+        return TableBumpParams(self.area, v, sums, float(v.size - 1), sums[-1] / (v.size - 1)), BumpState(0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, u, duty, contact):
+        u0, d = began(p, s.last, s.cold, u), held_duty(duty)
+        k0, w0 = cell(u0)
+        k1, w1 = cell(u)
+        a, b = on_ridge(w0, d, 1.0 / d), on_ridge(w1, d, 1.0 / d)
+        y = average(k0, w0, k1, w1, u - u0, d, a, b, table_mean(p, a, b), p.whole)
+        return where(contact > 0.0, y, 0.0), BumpState(u, lifted(contact))
+
+
+def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) -> Block:
+    """Bumps on a surface: a unipolar envelope, 0 .. 1, tied to the place of the finger.
+
+    With w = frac(u) the envelope e(u) is, on the ridge w < duty,
+
+    * ``"square"``: 1;
+    * ``"sawtooth"``: w/duty, a ramp from 0 to 1;
+    * ``"sine"``: (cos t - cos(pi duty))/(1 - cos(pi duty)), t = 2 pi (w - duty/2): the top of a cosine, 0 at both ends;
+    * ``"half_sine"``: sin(pi w/duty);
+    * a table: straight lines between its values, which are spread evenly over the ridge;
+
+    and 0 in the groove.  With area sampling, y[n] is the exact mean of e over u[n-1] .. u[n], however far that is and in
+    whichever direction; so over any movement the sum of y[n] (u[n] - u[n-1]) is the integral of e.  It lies half a sample
+    back.  Where the finger stands, y[n] = e(u[n]).
+
+    Parameters
+    ----------
+    u : Block
+        Spatial phase, position/wavelength, without unit; one bump is 1.
+    waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like, shape (m,)
+        A table has m >= 2 values in 0 .. 1.
+    duty : float or Block
+        Part of the period that is ridge, above 0, at most 1.  A parameter or signal is held in 1e-6 .. 1.
+    sampling : {"area", "point"}
+        "point" takes e(u[n]), with its aliases, for comparison.
+    contact : Block
+        Where it is not above 0 the output is 0 and u is not looked at.  At re-contact, as at the first sample,
+        u[n-1] = u[n]: the way between plays no bumps.
+
+    Returns
+    -------
+    Block
+        0 .. 1, without unit.
+
+    Raises
+    ------
+    BadValue
+        A duty outside (0, 1], an unknown waveform or sampling, values outside 0 .. 1.
+    UnitError
+        u or duty with a unit.
+
+    References
+    ----------
+    Paper 003, chapter 3 (unipolar waves, duty cycle, number of bumps) and figure 4.1.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import bump
+    >>> u = np.array([[0.0, 0.2, 0.4, 0.6, 1.6, 1.6, 1.2]])
+    >>> for waveform in ("square", [0.0, 1.0]):
+    ...     proc = stimlib.compile(stimlib.Scene({"e": bump(stimlib.Input("u"), waveform, duty=0.5)}), fs=1000)
+    ...     print(proc.process(u).round(6))
+    [[1.   1.   1.   0.5  0.5  0.   0.75]]
+    [[0.     0.2    0.6    0.45   0.25   0.     0.525]]
+    """
+    u, duty, contact = as_block(u), as_block(duty), as_block(contact)
+    if not isinstance(waveform, str):
+        return TableBump(u, duty, contact, sampling, waveform)
+    if waveform not in WAVEFORMS:
+        raise BadValue(f"bump: waveform {waveform!r}; choose one of {', '.join(WAVEFORMS)}, or give a table of values")
+    if waveform in ("square", "sawtooth"):
+        return LinearBump(u, duty, contact, sampling, waveform)
+    return SineBump(u, duty, contact, sampling, waveform)

@@ -1,0 +1,167 @@
+"""The thesis' own methods for a springpot: a history that is thinned out, and one that is cut off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.graph import Block
+from ..core.maths import copy, exp, fir, floor, fma, log, where
+from ..design import responses
+from ..errors import BadValue
+from .fractional import AGAIN, check_fields, clear, eights, force_unit
+
+NAN = math.nan
+POINTS = 100  # of history that are summed
+LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
+
+
+def binomials(alpha: float, n: int) -> np.ndarray:
+    """w_j = (-1)^j binom(alpha, j), j < n."""
+    return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
+
+
+class DownsampledParams(NamedTuple):
+    weights: np.ndarray
+    scale: float
+    alpha: float
+    step: float
+
+
+class DownsampledState(NamedTuple):
+    past: np.ndarray  # all positions since contact
+    first: float
+    k: float  # samples since contact
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Downsampled(Block):
+    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        n = math.ceil(self.horizon * fs)
+        if n > LONGEST:
+            raise BadValue(
+                f"springpot: gl-downsampled keeps the whole history, {n} samples for horizon = {self.horizon:g} s at {fs:g} Hz; "
+                f"give the longest contact as horizon, at most {LONGEST / fs:.6g}"
+            )
+        p = DownsampledParams(
+            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order, 1.0 if self.onset == "step" else 0.0
+        )
+        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def tile(p, s, x, contact, y):
+        most = float_of(s.past.size)
+        k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
+        first, cold = s.first, s.cold
+        for i in range(x.size):
+            if contact[i] > 0.0:
+                if cold > 0.0:
+                    first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[i]), x[i])
+                    k, cold = 0.0, 0.0
+                if k < most:
+                    now = np.int64(k)
+                    s.past[now] = x[i] - first
+                    m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)
+                    total = 0.0
+                    for j in range(np.int64(floor(k / m)) + 1):
+                        total = fma(p.weights[j], s.past[now - j * np.int64(m)], total)
+                    y[i] = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0) * total
+                    k = k + 1.0
+                else:
+                    y[i] = NAN
+            else:
+                y[i], first, k = 0.0, 0.0, 0.0
+                if cold == 0.0:
+                    cold = AGAIN
+        return DownsampledState(s.past, first, k, cold)
+
+
+def float_of(n):
+    """A whole number as a float."""
+    return n * 1.0
+
+
+class ShortMemoryParams(NamedTuple):
+    taps: np.ndarray  # oldest first, zeros in front
+    step: float
+
+
+class ShortMemoryState(NamedTuple):
+    line: np.ndarray
+    first: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class ShortMemory(Block):
+    """D^alpha y from the last 100 samples alone."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+    def design(self, fs):
+        n = eights(POINTS)
+        taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
+        return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+
+    def laws(self, fs):
+        return (responses.short_memory(self.order, fs),)
+
+    @staticmethod
+    def work(p):
+        return p.taps.size + 63
+
+    @staticmethod
+    def tile(p, s, x, contact, y, w):
+        first, cold, start, h = s.first, s.cold, 0, s.line.size
+        for i in range(x.size):
+            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
+                n = i + 1 - start
+                if contact[i] > 0.0:
+                    if cold > 0.0:
+                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[start]), x[start])
+                        cold = 0.0
+                    copy(s.line, w)
+                    for k in range(n):
+                        w[h + k] = x[start + k] - first
+                    fir(p.taps, w[: h + n], y[start : i + 1])
+                    copy(w[n : n + h], s.line)
+                else:
+                    clear(y[start : i + 1])
+                    clear(s.line)
+                    first = 0.0
+                    if cold == 0.0:
+                        cold = AGAIN
+                start = i + 1
+        return ShortMemoryState(s.line, first, cold)
+
+    @staticmethod
+    def transfer(p, z):
+        return np.polyval(p.taps, 1 / z)
