@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -164,29 +165,6 @@ def _friendly() -> Iterator[None]:
         raise typer.Exit(3) from None
 
 
-MOTION = typer.Option(
-    help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
-    "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. See [bold]stimlib list[/]."
-)
-MAP = typer.Option(
-    "--map",
-    help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
-)
-WHERE = typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
-REPORTS = typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still).")
-TIME = typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
-REPEATS = typer.Option(
-    help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next stamp), "
-    "[bold]last[/] or [bold]mean[/]; by default they must be equal.",
-    show_default=False,
-)
-MAX_GAP = typer.Option(
-    help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to report.",
-    show_default=False,
-)
-MAX_SPEED = typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")
-
-
 class Reports(StrEnum):
     """What silence of a recording device means."""
 
@@ -202,33 +180,94 @@ class Repeats(StrEnum):
     mean = "mean"
 
 
+Command = Callable[..., None]
+
+
+def _options(f: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    return {n: p for n, p in inspect.signature(f, eval_str=True).parameters.items() if p.kind is p.KEYWORD_ONLY}
+
+
+def sharing(**shared: Callable[..., Any]) -> Callable[[Command], Command]:
+    """A command with the options (keyword-only parameters) of these functions; it gets each function with them filled in."""
+
+    def widened(command: Command) -> Command:
+        def run(**given: Any) -> None:
+            for name, f in shared.items():
+                given[name] = partial(f, **{option: given.pop(option) for option in _options(f)})
+            command(**given)
+
+        takes: list[inspect.Parameter] = []
+        for name, p in inspect.signature(command, eval_str=True).parameters.items():
+            takes += _options(shared[name]).values() if name in shared else [p.replace(kind=p.KEYWORD_ONLY)]
+        wraps(command)(run).__signature__ = inspect.Signature(takes)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in takes}
+        return run
+
+    return widened
+
+
 def _motions(
     scene: Scene,
-    texts: list[str],
-    maps: list[str],
-    where: str | None,
-    time: str,
-    reports: Reports,
-    repeats: Repeats | None,
-    max_speed: float,
-    max_gap: float | None,
+    *,
+    motion: Annotated[
+        list[str],
+        typer.Option(
+            help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
+            "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. "
+            "See [bold]stimlib list[/]."
+        ),
+    ] = [],  # noqa: B006
+    map_: Annotated[
+        list[str],
+        typer.Option(
+            "--map",
+            help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
+        ),
+    ] = [],  # noqa: B006
+    where: Annotated[
+        str | None, typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
+    ] = None,
+    time: Annotated[
+        str, typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
+    ] = "t_s",
+    reports: Annotated[
+        Reports,
+        typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still)."),
+    ] = Reports.always,
+    repeats: Annotated[
+        Repeats | None,
+        typer.Option(
+            help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next "
+            "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal.",
+            show_default=False,
+        ),
+    ] = None,
+    max_speed: Annotated[float, typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")] = 1.0,
+    max_gap: Annotated[
+        float | None,
+        typer.Option(
+            help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to "
+            "report.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
     from .motion.generators import parse_motion
 
     motions: dict[str, Any] = {}
     seconds = None
-    for text in texts:
+    for text in motion:
         name, equals, spec = text.partition("=")
         if Path(text).suffix in (".csv", ".npz"):
             from .motion.recorded import parse_map, parse_where, recording
 
-            if not maps:
+            if not map_:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
             rows = parse_where(where) if where else None
             taken = recording(
                 text,
-                parse_map(maps),
+                parse_map(map_),
                 where=rows,
                 time=time,
                 reports=reports.value,
@@ -242,7 +281,7 @@ def _motions(
             motions[name.strip()] = parse_motion(spec)
         else:
             motions |= dict.fromkeys(scene.inputs, parse_motion(text))
-    if seconds is None and (maps or where):
+    if seconds is None and (map_ or where):
         raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
     if missing := set(scene.inputs) - set(motions):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
@@ -250,17 +289,11 @@ def _motions(
 
 
 @app.command("render")
+@sharing(motions=_motions)
 def render_(
     scene: Annotated[str, SCENE],
     out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
+    motions: Any,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     set_: Annotated[
@@ -285,12 +318,12 @@ def render_(
 
         made = scene_of(scene)
         values = _live(set_)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made)
         length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
             proc.set(name, value, ramp=0.0)
-        report = file.write(out, proc, motions, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
+        report = file.write(out, proc, motion, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
         if not quiet:
             print(report)
             top = max(report.peak.values())
@@ -304,7 +337,7 @@ def render_(
         if picture is not None:
             from .analysis.picture import picture as draw
 
-            draw(render(made, motions, fs, min(length, 10.0), values, seed), picture)
+            draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 
 
 class Sinks(StrEnum):
@@ -315,13 +348,6 @@ class Sinks(StrEnum):
     portaudio = "portaudio"
 
 
-FULL_SCALE = typer.Option(
-    help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond. For different units: a=50,b=0.1.",
-    show_default=False,
-)
-PEAK = typer.Option(help="Largest force in N, of outputs in N.")
-STATIC = typer.Option(help="Largest lasting force in N, of outputs in N.")
-SLEW = typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale.")
 CHANNELS = typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
 CONNECT = typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable.")
 LOG = typer.Option("--log", help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
@@ -330,7 +356,23 @@ SEED = typer.Option(help="Key of all noise.")
 RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
 
 
-def _safety(full_scale: str, peak: float | None, static: float | None, slew: str | None) -> Any:
+def _safety(
+    *,
+    full_scale: Annotated[
+        str,
+        typer.Option(
+            help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond. For different units: "
+            "a=50,b=0.1.",
+            show_default=False,
+        ),
+    ],
+    peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
+    static: Annotated[float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")] = None,
+    slew: Annotated[
+        str | None,
+        typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
+    ] = None,
+) -> Any:
     from .run.safety import Safety
 
     def of_each(text: Any) -> Any:
@@ -375,9 +417,11 @@ def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds
 
 
 @app.command()
+@sharing(safety=_safety, motions=_motions)
 def play(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[str, FULL_SCALE],
+    safety: Any,
+    motions: Any,
     sink: Annotated[Sinks, typer.Option(help="What plays: see [bold]stimlib devices[/].")] = Sinks.null,
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
@@ -389,19 +433,8 @@ def play(
     fast: Annotated[
         bool, typer.Option("--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes.")
     ] = False,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
-    peak: Annotated[float | None, PEAK] = None,
-    static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
@@ -415,14 +448,13 @@ def play(
     """
     with _friendly(), _notes():
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made)
         options: dict[str, Any] = {
-            "motion": motions,
+            "motion": motion,
             "seed": seed,
             "params": _live(set_),
             "log": log,
         }
-        safety = _safety(full_scale, peak, static, slew)
         if fast and sink == Sinks.jack:
             raise BadValue("--fast: a JACK server has its own pace")
         for option, given in (("--connect", connect), ("--client", client)):
@@ -432,18 +464,18 @@ def play(
         if sink == Sinks.jack:
             from .devices.jack import JackSink
 
-            playing = JackSink(made, safety, name=client or "stimlib", server=device, connect=_ports(connect), **options)
+            playing = JackSink(made, safety(), name=client or "stimlib", server=device, connect=_ports(connect), **options)
         elif sink == Sinks.portaudio:
             from .devices.portaudio import PortAudioSink
 
             name = int(device) if device is not None and device.isdecimal() else device
-            playing = PortAudioSink(made, safety, name=name, clocked=not fast, **options)
+            playing = PortAudioSink(made, safety(), name=name, clocked=not fast, **options)
         else:
             if device is not None:
                 raise BadValue("--device: null has no device")
             from .devices.null import NullSink
 
-            playing = NullSink(made, safety, clocked=not fast, **options)
+            playing = NullSink(made, safety(), clocked=not fast, **options)
         try:
             _play(playing, fs, channels, block, seconds if seconds is not None else recorded, not quiet)
         except (SinkError, FaultError) as e:
@@ -487,9 +519,11 @@ class Loops(StrEnum):
 
 
 @app.command()
+@sharing(safety=_safety, motions=_motions)
 def loopback(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[str, FULL_SCALE],
+    safety: Any,
+    motions: Any,
     sink: Annotated[Loops, typer.Option(help="What plays and records.")] = Loops.jack,
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
     connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
@@ -504,19 +538,8 @@ def loopback(
         float, typer.Option(help="Of a cable: largest difference after gain and delay, relative to the signal.")
     ] = 0.05,
     channels: Annotated[int | None, CHANNELS] = None,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
-    peak: Annotated[float | None, PEAK] = None,
-    static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
@@ -529,13 +552,13 @@ def loopback(
         from .devices.loopback import loopback as compare
 
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made)
         result = compare(
             made,
-            _safety(full_scale, peak, static, slew),
+            safety(),
             fs,
             seconds if seconds is not None else recorded or 5.0,
-            motion=motions,
+            motion=motion,
             channels=channels,
             server=device,
             connect=_ports(connect),
@@ -551,20 +574,14 @@ def loopback(
 
 
 @app.command("verify")
+@sharing(motions=_motions)
 def verify_(
+    motions: Any,
     scene: Annotated[str | None, SCENE] = None,
     wav: Annotated[Path | None, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)] = None,
     log: Annotated[
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
@@ -578,7 +595,7 @@ def verify_(
     """
     with _friendly():
         if log is not None:
-            if wav is not None or motion:
+            if wav is not None or motions.keywords["motion"]:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
             from .files.log import read_log
@@ -592,16 +609,16 @@ def verify_(
             from .motion.generators import parse_motion
 
             made = scene_of(scene)
-            if motion:
-                motions, _ = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+            if motions.keywords["motion"]:
+                motion, _ = motions(made)
             else:
                 told = file.read(wav)[1]["motion"]
                 if any(text.startswith("log of") for text in told.values()):
                     raise BadValue(f"{wav} was made of a session's log: verify that, with stimlib verify --log")
                 if any("(" not in text or text.startswith("recording(") for text in told.values()):
                     raise BadValue(f"{wav}: its motion was recorded; give --motion, --map and all that it was rendered with")
-                motions = {name: parse_motion(text) for name, text in told.items()}
-            result = verify(made, motions, wav)
+                motion = {name: parse_motion(text) for name, text in told.items()}
+            result = verify(made, motion, wav)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
