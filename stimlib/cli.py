@@ -42,6 +42,13 @@ SCENE = typer.Argument(
 )
 
 
+IMPORT = typer.Option(
+    "--import",
+    metavar="FILE.py",
+    help="Your own file, with blocks that the scene has; it is run before anything is read. Repeatable.",
+)
+
+
 def shipped() -> dict[str, Callable[..., Scene]]:
     """Scenes by name."""
     from .scenes import SHIPPED
@@ -74,15 +81,26 @@ def scene_of(text: str) -> Scene:
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
 
 
-def _own(path: str, function: str) -> Scene:
-    """What a function in a file of the user's gives; where it raises, the error names their line."""
+_ours: set[str] = set()  # names of the modules that _own has made
+
+
+def _own(path: str, function: str | None = None) -> Any:
+    """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
+
+    Where the file or the function raises, the error names their line.
+    """
     regular.read(path, "scene_bytes", SceneError)  # a regular file
-    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+    spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
+    if spec is None or spec.loader is None:
+        raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
+    if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours:
+        raise SceneError(f"{path}: there is another module {name}, which stimlib may need: give the file another name")
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    _ours.add(name)
     try:
         spec.loader.exec_module(module)
+        if function is None:
+            return None
         if not callable(make := getattr(module, function, None)):
             raise SceneError(f"{path} has no function {function!r}")
         scene = make()
@@ -92,10 +110,16 @@ def _own(path: str, function: str) -> Scene:
         if line is None and isinstance(e, StimlibError):
             raise
         what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
-        raise SceneError(f"{path}:{line or function}: {what}") from e
+        raise SceneError(f"{path}:{line or function or 1}: {what}") from e
     if not isinstance(scene, Scene):
         raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
     return scene
+
+
+def _import(files: list[str]) -> None:
+    """Run the files of --import, so that their blocks are known."""
+    for path in files:
+        _own(path)
 
 
 def _shipped(name: str, words: str) -> Scene:
@@ -306,12 +330,14 @@ def render_(
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Also draw motion, outputs and spectrum of the first 10 s.")] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --out squeeze.wav[/]
     """
     with _friendly():
+        _import(import_)
         from .files import audio as file
         from .run.processor import compile
         from .run.rendering import render
@@ -439,6 +465,7 @@ def play(
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Play a scene on a device, with the safety stage around it.  Ctrl-C fades out.
 
@@ -447,6 +474,7 @@ def play(
     [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50 --log monday.stimlog[/]
     """
     with _friendly(), _notes():
+        _import(import_)
         made = scene_of(scene)
         motion, recorded = motions(made)
         options: dict[str, Any] = {
@@ -543,12 +571,14 @@ def loopback(
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Play, record what arrives, compare it with the offline render, measure the delay.  Exit status 1 when it differs.
 
     [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50[/]
     """
     with _friendly(), _notes():
+        _import(import_)
         from .devices.loopback import loopback as compare
 
         made = scene_of(scene)
@@ -583,6 +613,7 @@ def verify_(
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
@@ -594,13 +625,15 @@ def verify_(
     [bold]stimlib verify --log monday.stimlog[/]
     """
     with _friendly():
+        _import(import_)
         if log is not None:
             if wav is not None or motions.keywords["motion"]:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
             from .files.log import read_log
 
-            result = verify_log(read_log(log), None if scene is None else scene_of(scene))
+            expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
+            result = verify_log(read_log(log), expected)
         else:
             if scene is None or wav is None:
                 raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
@@ -633,12 +666,14 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
     ] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
 
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     with _friendly():
+        _import(import_)
         from .files.log import read_log
         from .files.log import replay as replay_log
 
@@ -708,12 +743,14 @@ def show(
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
     with _friendly():
+        _import(import_)
         from .run.processor import compile
 
         made = scene_of(scene)

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib.cli import app, scene_of
+from stimlib.core.graph import registry
 from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk, sinusoid
 
@@ -374,6 +375,78 @@ def test_a_render_that_was_killed_is_recovered(tmp_path):
     assert done.exit_code == 0 and "frames" in done.output, done.output
     done = run.invoke(app, ["verify", "squeeze", "--wav", str(out)])
     assert done.exit_code == 0, done.output
+
+
+# Blocks of the user's own ----------------------------------------------------------------------------------------------
+CLICK = """
+from dataclasses import dataclass
+from stimlib import Block, Input, Scene
+
+GAIN = 3.0
+
+@dataclass(frozen=True, eq=False)
+class Click(Block):
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return GAIN * x, s
+
+def scene():
+    return Scene({"f": Click(Input("x", "m"))})
+"""
+
+
+@pytest.fixture(scope="module")
+def clicks(tmp_path_factory):
+    """A block in a file of its own, and what was made of it: a scene, a sound file, a log."""
+    folder = tmp_path_factory.mktemp("clicks")
+    (folder / "click_block.py").write_text(CLICK)
+    own, hand = f"{folder}/click_block.py:scene", ["--motion", "minimum_jerk()", "--seconds", "0.2"]
+    for words in (
+        ["show", own, "--save", f"{folder}/click.json"],
+        ["render", own, *hand, "--out", f"{folder}/click.wav", "--quiet"],
+        ["play", own, *hand, "--full-scale", "1", "--fast", "--quiet", "--log", f"{folder}/click.stimlog"],
+    ):
+        done = run.invoke(app, words)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --log click.stimlog",
+     "verify click.json --wav click.wav", "show click.json",
+     "render click.json --motion minimum_jerk() --seconds 0.2 --out again.wav",
+     "play click.json --motion minimum_jerk() --seconds 0.2 --full-scale 1 --fast"],
+)  # fmt: skip
+def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
+    monkeypatch.chdir(clicks)
+    for more, code in ([], 2), (["--import", "click_block.py"], 0):
+        registry.pop("click_block.Click", None)  # as in a process of its own
+        done = run.invoke(app, [*words.split(), *more])
+        assert done.exit_code == code, done.output
+        assert code == 0 or "import click_block first; on the command line, say --import click_block.py" in done.stderr
+
+
+def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):
+    registry.pop("click_block.Click", None)
+    done = run.invoke(app, ["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"])
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [("odd_block.py", "x = 1\ny = nothing", "odd_block.py:2: NameError: name 'nothing' is not defined"),
+     ("odd_block.py", "def f(:", "odd_block.py:1: SyntaxError"), ("numpy.py", "", "give the file another name"),
+     ("odd.txt", "", "name one such as click_block.py"), ("absent.py", None, "cannot read")],
+)  # fmt: skip
+def test_mistakes_of_import_get_one_line(tmp_path, name, text, says):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    done = run.invoke(app, ["show", "squeeze", "--import", str(tmp_path / name)])
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert sys.modules["numpy"] is np
 
 
 # Devices -------------------------------------------------------------------------------------------------------------
