@@ -1,14 +1,17 @@
 """The command line as a person uses it: real files, real processes."""
 
 import ast
+import hashlib
 import inspect
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -433,6 +436,37 @@ def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):
     registry.pop("click_block.Click", None)
     done = run.invoke(app, ["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"])
     assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize("edit", ["# another day\n", "GAIN = 2.0\n"])
+@pytest.mark.parametrize("words", ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --wav click.wav"])
+def test_what_defined_an_own_block_is_kept_and_compared(clicks, tmp_path, monkeypatch, words, edit):
+    monkeypatch.chdir(clicks)
+    kept = [json.loads(Path(name).read_text()) for name in ("click.stimlog/session.json", "click.wav.json")]
+    assert [k["definitions"]["click_block"]["text"] for k in kept] == [CLICK, CLICK]
+    (tmp_path / "click_block.py").write_text(CLICK + edit)
+    done = run.invoke(app, [*words.split(), "--import", str(tmp_path / "click_block.py")])
+    assert done.exit_code == ("GAIN" in edit), done.output
+    assert "own blocks of click_block:" in done.stdout
+    done = run.invoke(app, [*words.split(), "--import", "click_block.py"])
+    assert done.exit_code == 0 and "own blocks" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("now", "code"),
+    [({"text": "x = 1"}, 2), ({"sha256": "0" * 64}, 2), ({"text": "\ud800"}, 2), (None, 2), ({"text": 1}, 2),
+     ({"text": "x = 1", "sha256": hashlib.sha256(b"x = 1").hexdigest()}, 0)],
+)  # fmt: skip
+def test_a_definition_has_its_hash(clicks, tmp_path, now, code):
+    """Whoever changes both is told from today's file only."""
+    shutil.copytree(clicks / "click.stimlog", tmp_path / "a.stimlog")
+    path = tmp_path / "a.stimlog" / "session.json"
+    told = json.loads(path.read_text())
+    told["definitions"] = {} if now is None else {"click_block": told["definitions"]["click_block"] | now}
+    path.write_text(json.dumps(told))
+    done = run.invoke(app, ["replay", str(path.parent), "--import", f"{clicks}/click_block.py"])
+    assert done.exit_code == code and ("is not the one that was recorded" in done.stdout) == (code == 0), done.output
+    assert code == 0 or "definitions" in done.stderr
 
 
 @pytest.mark.parametrize(
