@@ -607,8 +607,17 @@ def loopback(
 @sharing(motions=_motions)
 def verify_(
     motions: Any,
-    scene: Annotated[str | None, SCENE] = None,
-    wav: Annotated[Path | None, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)] = None,
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="FILE|SCENE",
+            help="The sound file that [bold]stimlib render[/] wrote; or the scene that --wav or --log must be of.",
+            show_default=False,
+        ),
+    ] = None,
+    wav: Annotated[
+        Path | None, typer.Option(help="The sound file, where SCENE says which scene is expected.", show_default=False)
+    ] = None,
     log: Annotated[
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
@@ -617,17 +626,27 @@ def verify_(
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
-    Motions that were generated are read from the file's sidecar; a recording must be named again, as it was rendered. A log
-    has the motion, and the scene; if SCENE is given, it must be that one.
+    Scene, parameters, seed and motion are read from the file's sidecar, a recording from the path that it tells, if that file
+    still has its SHA-256. A motion that its text does not tell is given again, as it was rendered. A log has all of it. If
+    SCENE is given, it must be that one.
 
-    [bold]stimlib verify squeeze --wav squeeze.wav --report squeeze.html[/]
+    [bold]stimlib verify squeeze.wav --report squeeze.html[/]
+
+    [bold]stimlib verify "squeeze(fingers=1)" --wav squeeze.wav[/]
 
     [bold]stimlib verify --log monday.stimlog[/]
     """
     with _friendly():
         _import(import_)
+        from .files.audio import FORMATS
+
+        if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
+            if wav is not None:
+                raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
+            wav, scene = Path(scene), None
+        given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
         if log is not None:
-            if wav is not None or motions.keywords["motion"]:
+            if wav is not None or given:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
             from .files.log import read_log
@@ -635,23 +654,13 @@ def verify_(
             expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
             result = verify_log(read_log(log), expected)
         else:
-            if scene is None or wav is None:
-                raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
-            from .checks.verify import verify
-            from .files import audio as file
-            from .motion.generators import parse_motion
+            from .checks.verify import scene_told, verify_file
 
-            made = scene_of(scene)
-            if motions.keywords["motion"]:
-                motion, _ = motions(made)
-            else:
-                told = file.read(wav)[1]["motion"]
-                if any(text.startswith("log of") for text in told.values()):
-                    raise BadValue(f"{wav} was made of a session's log: verify that, with stimlib verify --log")
-                if any("(" not in text or text.startswith("recording(") for text in told.values()):
-                    raise BadValue(f"{wav}: its motion was recorded; give --motion, --map and all that it was rendered with")
-                motion = {name: parse_motion(text) for name, text in told.items()}
-            result = verify(made, motion, wav)
+            if wav is None:
+                raise BadValue("say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
+            expected = None if scene is None else scene_of(scene)
+            motion = motions(scene_told(wav) if expected is None else expected)[0] if given else None
+            result = verify_file(wav, expected, motion)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))

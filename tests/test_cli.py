@@ -307,6 +307,51 @@ def test_sidecar_is_enough_to_render_again(tmp_path):
     assert np.array_equal(file.read(tmp_path / "a.w64")[0], again.y)
 
 
+GRIP = "t_s,force_N,x_mm\n0,8,1\n0.012,9,1\n0.024,11,2\n0.036,14,3\n"
+
+
+@pytest.mark.parametrize("name", ["a.wav", "a.flac"])
+@pytest.mark.parametrize("motion", [["minimum_jerk(depth=0.01)"], ["grip.csv", "--map", "x=force_N*5e-4", "--max-speed", "2"]])
+def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    words = ["--seconds", "0.1", "--full-scale", "64", "--set", "k=1500", "--seed", "4", "--quiet"]
+    done = run.invoke(app, ["render", "squeeze(fingers=1)", "--motion", *motion, *words, "--out", name])
+    assert done.exit_code == 0, done.output
+    done = run.invoke(app, ["verify", name])
+    assert done.exit_code == 0 and "the scene is the sidecar's own" in done.stdout, done.output
+    done = run.invoke(app, ["verify", "squeeze(fingers=2)", "--wav", name])
+    assert done.exit_code == 2 and "was rendered from another scene" in done.stderr
+    if motion[0] == "grip.csv":
+        (tmp_path / "grip.csv").write_text(GRIP + "0.048,20,4\n")
+        done = run.invoke(app, ["verify", name])
+        assert done.exit_code == 2 and f"error: {name}: motion of x1: grip.csv: SHA-256 is " in done.stderr
+        done = run.invoke(app, ["verify", name, "--motion", *motion])
+        assert done.exit_code == 1, "the motion that is named is another one now"
+        (tmp_path / "grip.csv").unlink()
+        done = run.invoke(app, ["verify", name])
+        assert done.exit_code == 2 and "or give the motion (--motion), as it was rendered" in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
+     ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not say the SHA-256"), ("recording(", "--motion"),
+     ("recording(open('grip.csv'), {}).contact", "--motion"), ("recording('grip.csv', {'x': 'x_mm'}, y=1)", "--motion")],
+)  # fmt: skip
+def test_a_motion_that_its_text_does_not_tell(tmp_path, monkeypatch, told, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    words = ["--motion", "minimum_jerk()", "--seconds", "0.1", "--quiet"]
+    assert run.invoke(app, ["render", "squeeze(fingers=1)", *words, "--out", "a.wav"]).exit_code == 0
+    sidecar = json.loads((tmp_path / "a.wav.json").read_text())
+    (tmp_path / "a.wav.json").write_text(json.dumps(sidecar | {"motion": {"x1": told}}))
+    done = run.invoke(app, ["verify", "a.wav"])
+    assert done.exit_code == 2 and says in " ".join(done.stderr.split()) and "Traceback" not in done.output
+    done = run.invoke(app, ["verify", "a.wav", *words[:2]])
+    assert done.exit_code == 0, done.output
+
+
 @pytest.fixture
 def session(tmp_path):
     from stimlib.devices.null import NullSink
@@ -347,8 +392,12 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
-        (["verify", "squeeze"], "say what to verify: SCENE --wav FILE, or --log LOG"),
-        (["verify", "--wav", "a.wav"], "say what to verify: SCENE --wav FILE, or --log LOG"),
+        (["verify"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "squeeze"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "--wav", "a.wav"], "there is no file a.wav"),
+        (["verify", "a.flac"], "there is no file a.flac"),
+        (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),
+        (["verify", "--log", "LOG", "--map", "x=y"], "give --log without --wav and --motion"),
         (["replay", "LOG/session.json"], "session.json is no log: that is the folder that a sink wrote"),
         (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
         (["recover", "LOG"], "a log needs nothing, see stimlib replay"),

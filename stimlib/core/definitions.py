@@ -67,8 +67,7 @@ def _text(cls: type) -> str:
     """Of the file, or the notebook cell, that a class is defined in."""
     functions = (getattr(v, "__func__", v) for v in vars(cls).values())
     codes = [f.__code__ for f in functions if getattr(f, "__module__", None) == cls.__module__ and hasattr(f, "__code__")]
-    files = [getattr(sys.modules.get(cls.__module__), "__file__", None), *(c.co_filename for c in codes)]
-    for file in filter(None, files):
+    for file in [*(c.co_filename for c in codes), getattr(sys.modules.get(cls.__module__), "__file__", None) or ""]:
         linecache.checkcache(file)
         if lines := linecache.getlines(file):
             return "".join(lines)

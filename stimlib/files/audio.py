@@ -486,6 +486,17 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
 
 
+def told(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The sidecar of a file alone, checked; see `read`, which compares it with the file too.
+
+    Raises
+    ------
+    SinkError
+        It is missing, or stimlib did not write it.
+    """
+    return _load_sidecar(Path(path), _sidecar(Path(path)))
+
+
 def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:
     """All samples of an open sound in physical units, (n_outputs, frames)."""
     try:
