@@ -139,6 +139,12 @@ def _shipped(name: str, words: str) -> Scene:
     return make(**chosen)
 
 
+def _touching(text: str) -> str:
+    """How the scene that is SCENE on the command line gets an input contact."""
+    name = text.partition("(")[0]
+    return f"use {name}(contact=True)" if name in shipped() else ""
+
+
 def _pairs(items: list[str], what: str) -> dict[str, str]:
     found = {}
     for item in items:
@@ -232,13 +238,15 @@ def sharing(**shared: Callable[..., Any]) -> Callable[[Command], Command]:
 
 def _motions(
     scene: Scene,
+    default: tuple[str, ...] = (),
+    contact: str = "",
     *,
     motion: Annotated[
         list[str],
         typer.Option(
             help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
             "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. "
-            "See [bold]stimlib list[/]."
+            "See [bold]stimlib list[/]; what a sidecar has under motion is understood too."
         ),
     ] = [],  # noqa: B006
     map_: Annotated[
@@ -277,36 +285,39 @@ def _motions(
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
-    from .motion.generators import parse_motion
+    from .motion.recorded import Recording, parse_map, parse_source, parse_where, recording
 
     motions: dict[str, Any] = {}
     seconds = None
-    for text in motion:
+    files = [text for text in motion if Path(text).suffix.lower() in (".csv", ".npz")]
+    if (map_ or where) and not files:
+        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
+    for text in motion or default:
         name, equals, spec = text.partition("=")
-        if Path(text).suffix in (".csv", ".npz"):
-            from .motion.recorded import parse_map, parse_where, recording
-
+        found: Any
+        if text in files:
             if not map_:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
-            rows = parse_where(where) if where else None
-            taken = recording(
+            found = recording(
                 text,
                 parse_map(map_),
-                where=rows,
+                where=parse_where(where) if where else None,
                 time=time,
                 reports=reports.value,
                 repeats=None if repeats is None else repeats.value,
                 max_speed=max_speed,
                 max_gap=max_gap,
             )
-            motions |= taken.for_inputs(tuple(scene.inputs))
-            seconds = taken.duration
+            names = tuple(scene.inputs)
         elif equals and name.strip() in scene.inputs:
-            motions[name.strip()] = parse_motion(spec)
+            found, names = parse_source(spec), (name.strip(),)
         else:
-            motions |= dict.fromkeys(scene.inputs, parse_motion(text))
-    if seconds is None and (map_ or where):
-        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
+            found, names = parse_source(text), tuple(scene.inputs)
+        if isinstance(found, Recording):
+            motions |= found.for_inputs(names, contact)
+            seconds = found.duration
+        else:
+            motions |= dict.fromkeys(names, found)
     if missing := set(scene.inputs) - set(motions):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
     return motions, seconds
@@ -344,7 +355,7 @@ def render_(
 
         made = scene_of(scene)
         values = _live(set_)
-        motion, recorded = motions(made)
+        motion, recorded = motions(made, contact=_touching(scene))
         length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
@@ -476,7 +487,7 @@ def play(
     with _friendly(), _notes():
         _import(import_)
         made = scene_of(scene)
-        motion, recorded = motions(made)
+        motion, recorded = motions(made, contact=_touching(scene))
         options: dict[str, Any] = {
             "motion": motion,
             "seed": seed,
@@ -582,7 +593,7 @@ def loopback(
         from .devices.loopback import loopback as compare
 
         made = scene_of(scene)
-        motion, recorded = motions(made)
+        motion, recorded = motions(made, contact=_touching(scene))
         result = compare(
             made,
             safety(),
@@ -659,7 +670,7 @@ def verify_(
             if wav is None:
                 raise BadValue("say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
             expected = None if scene is None else scene_of(scene)
-            motion = motions(scene_told(wav) if expected is None else expected)[0] if given else None
+            motion = motions(expected or scene_told(wav), contact=_touching(scene or ""))[0] if given else None
             result = verify_file(wav, expected, motion)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
@@ -708,12 +719,16 @@ def recover(
 
 
 @app.command("render-set")
+@sharing(motions=_motions)
 def render_set_(
     folder: Annotated[
         Path, typer.Argument(help="Folder to write the files and index.json into; a set that was interrupted goes on.")
     ],
-    motion: Annotated[str, typer.Option(help="Motion of the finger; see [bold]stimlib list[/].")] = "constant_speed(0.02, 0.1)",
-    seconds: Annotated[float, typer.Option(help="Length of each file.")] = 5.0,
+    motions: Any,
+    contact: Annotated[
+        bool, typer.Option("--contact", help="The bumps rest while the finger is lifted; for recordings with lifts.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option(help="Length of each file; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
@@ -722,19 +737,21 @@ def render_set_(
 ):
     """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
 
+    The finger strokes 0.1 m at 20 mm/s, unless --motion says otherwise.
+
     [bold]stimlib render-set bumps/[/]
     """
     with _friendly():
         from .files.batch import render_set
-        from .motion.generators import parse_motion
         from .scenes import bumps, bumps_set
 
-        scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s) for s in bumps_set()}
+        scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s, contact=contact) for s in bumps_set()}
+        motion, recorded = motions(next(iter(scenes.values())), ("constant_speed(0.02, 0.1)",), "add --contact")
         index = render_set(
             folder,
             scenes,
-            {"x": parse_motion(motion)},
-            seconds,
+            motion,
+            seconds if seconds is not None else recorded or 5.0,
             fs,
             seed=seed,
             repetitions=repetitions,

@@ -334,6 +334,33 @@ def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
 
 
 @pytest.mark.parametrize(
+    ("scene", "name"), [("squeeze", "x"), ("bumps(duty=0.3)", "x"), ("viscoelastic", "y"), ("OWN:soft", "x")]
+)
+def test_lifts_name_the_scene_that_knows_of_them(tmp_path, scene, name):
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "lift.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
+    words = ["--motion", str(tmp_path / "lift.csv"), "--map", f"{name}=x_mm*1e-3", "--out", str(tmp_path / "a.wav")]
+    done = run.invoke(app, ["render", scene.replace("OWN", str(tmp_path / "own.py")), *words])
+    wanted = f"use {scene.partition('(')[0]}(contact=True)" if "OWN" not in scene else 'give it an Input("contact")'
+    assert done.exit_code == 2 and wanted in " ".join(done.stderr.split()), done.output
+
+
+@pytest.mark.parametrize("command", ["render squeeze --out a.wav", "play squeeze --full-scale 50 --fast", "verify a.wav"])
+def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    text = "recording('grip.csv', {'x': 'force_N*5e-4'})"
+    if "verify" in command:
+        assert run.invoke(app, ["render", "squeeze", "--motion", text, "--out", "a.wav", "--quiet"]).exit_code == 0
+    one_by_one = ["--motion", f"x1={text}.motion['x']", "--motion", f"x2={text}"]
+    for motion in (["--motion", text], one_by_one, ["--motion", "grip.csv", "--map", "x=force_N*5e-4"]):
+        done = run.invoke(app, [*command.split(), *motion])
+        assert done.exit_code == 0, done.output
+    done = run.invoke(app, [*command.split(), "--motion", text, "--map", "x=force_N*5e-4"])
+    assert done.exit_code == 2 and "--map and --where are for a recording" in done.stderr
+
+
+@pytest.mark.parametrize(
     ("told", "says"),
     [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
      ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not say the SHA-256"), ("recording(", "--motion"),

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.graph import Block, Const, Input, pack, signals
 from ..core.scene import Scene
-from ..errors import BadValue, RecordingError, shown
+from ..errors import BadValue, shown
 from ..run.processor import compile
 from ..run.rendering import Rendering
 from .evidence import Check, Evidence, change, drive, gather
@@ -135,11 +135,9 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
     for name, text in told["motion"].items():
         try:
             known[text] = known[text] if text in known else parse_source(text, pinned=True)
-        except RecordingError as e:
-            raise RecordingError(f"{path}: motion of {name}: {e}; or give the motion (--motion), as it was rendered") from e
         except BadValue as e:
-            why = f"motion of {name} cannot be made again from {text!r:.200}"
-            raise BadValue(f"{path}: {why}: give the motion (--motion), as it was rendered") from e
+            why = f"{e}; or" if text.startswith("recording(") else f"it cannot be made again from {text!r:.200}:"
+            raise type(e)(f"{path}: motion of {name}: {why} give the motion (--motion), as it was rendered") from e
     return {name: known[text] for name, text in told["motion"].items()}
 
 

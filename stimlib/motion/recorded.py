@@ -107,7 +107,7 @@ class Recording:
         extra = "".join(f", {what}: {count}" for what, count in counts.items() if count)
         return f"{shown(i['file'])}: {i['reports']} reports, {self.duration:.6g} s, median {i['rate']:.4g} Hz{extra}"
 
-    def for_inputs(self, inputs: Iterable[str]) -> dict[str, Motion]:
+    def for_inputs(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
         """The motion of a scene.
 
         Parameters
@@ -115,6 +115,8 @@ class Recording:
         inputs : iterable of str
             Names of the scene's inputs. One named ``contact`` gets `contact`. What is recorded for ``x`` serves ``x1``,
             ``x2``, ... where the scene has no ``x`` and the recording has nothing of their own.
+        contact : str
+            How the scene gets an input ``contact``, such as ``"use bumps(contact=True)"``, for the error where it needs one.
 
         Returns
         -------
@@ -147,16 +149,16 @@ class Recording:
             wrong = [f"nothing is recorded for {name}" for name in missing] + [f"the scene has no input {n}" for n in surplus]
             raise UnknownName(f"{self.info['file']}: {', '.join(wrong)}; the inputs are: {', '.join(names) or 'none'}")
         if "contact" not in served.values():
-            self._check_unbroken()
+            self._check_unbroken(contact)
         return {name: sources[by] for name, by in served.items() if by is not None}
 
-    def _check_unbroken(self) -> None:
+    def _check_unbroken(self, remedy: str) -> None:
         lifts, jumps = self.info["lifts"], self.info["jumps"]
         if not lifts and not jumps:
             return
         what = [f"a lift at row {lifts[0][0]} ({len(lifts)} in all)"] if lifts else []
         what += [f"a jump at row {jumps[0][0]} ({len(jumps)} in all)"] if jumps else []
-        remedy = 'use squeeze(contact=True), or give the scene an Input("contact")'
+        remedy = remedy or 'make it with contact=True (squeeze, bumps, viscoelastic), or give it an Input("contact")'
         remedy += ", or follow the point in the air with contact=False" if lifts else ""
         raise BadValue(f"{self.info['file']}: {' and '.join(what)}, and the scene has no input contact; {remedy}")
 

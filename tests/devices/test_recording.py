@@ -376,7 +376,8 @@ def test_inputs_that_do_not_fit(csv, inputs, message):
 def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
     lifted, jumped = recording(csv(LIFT), {"x": "x*1e-3"}), recording(csv(**jumping(100), name="jump.csv"), {"x": "x"})
     with pytest.raises(
-        BadValue, match=r"a lift at row 2 \(3 in all\), and .*squeeze\(contact=True\).*Input\(\"contact\"\), or .*contact=False"
+        BadValue,
+        match=r"a lift at row 2 \(3 in all\), and .*; make it with contact=True .*Input\(\"contact\"\), or .*contact=False",
     ):
         lifted.for_inputs(["x"])
     with pytest.raises(BadValue, match=r"a jump at row 102 .*Input\(\"contact\"\)$"):
@@ -747,8 +748,9 @@ def test_what_real_files_ask_for():
         recording(trials, {"x": "force_N*5e-4"})
     with pytest.raises(RecordingError, match="faster than a hand .*check the unit in the mapping of x"):
         recording(DATA / TOUCH / "hand_puck_tablet.csv", {"x": "x_mm"})
-    with pytest.raises(BadValue, match=r"a lift at row 118 \(4 in all\).*squeeze\(contact=True\)"):
-        recording(DATA / TOUCH / "finger_touchpad_horizontal.csv", {"x": "x_raw*2e-5"}).for_inputs(["x1", "x2"])
+    with pytest.raises(BadValue, match=r"a lift at row 118 \(4 in all\).*use squeeze\(contact=True\)"):
+        touch = recording(DATA / TOUCH / "finger_touchpad_horizontal.csv", {"x": "x_raw*2e-5"})
+        touch.for_inputs(["x1", "x2"], "use squeeze(contact=True)")
     with pytest.raises(RecordingError, match='a gap of .*reports="on_change"'):
         recording(DATA / TOUCH / "stylus_slow_pressure_ramp.csv", {"x": "x_mm*1e-3"}, contact=False)
 
