@@ -377,7 +377,7 @@ def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
     lifted, jumped = recording(csv(LIFT), {"x": "x*1e-3"}), recording(csv(**jumping(100), name="jump.csv"), {"x": "x"})
     with pytest.raises(
         BadValue,
-        match=r"a lift at row 2 \(3 in all\), and .*; make it with contact=True .*Input\(\"contact\"\), or .*contact=False",
+        match=r"a lift at row 2 \(3 in all\), .*; make it with contact=True .*Input\(\"contact\"\), or .*contact=False",
     ):
         lifted.for_inputs(["x"])
     with pytest.raises(BadValue, match=r"a jump at row 102 .*Input\(\"contact\"\)$"):
