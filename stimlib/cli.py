@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,6 +39,13 @@ SCENE = typer.Argument(
     "[bold]path.py:function[/] (your own code; it is run), or a saved "
     "[bold]path.json[/] (data; nothing in it is run).",
     show_default=False,
+)
+
+
+IMPORT = typer.Option(
+    "--import",
+    metavar="FILE.py",
+    help="Your own file, with blocks that the scene has; it is run before anything is read. Repeatable.",
 )
 
 
@@ -73,15 +81,26 @@ def scene_of(text: str) -> Scene:
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
 
 
-def _own(path: str, function: str) -> Scene:
-    """What a function in a file of the user's gives; where it raises, the error names their line."""
+_ours: set[str] = set()  # names of the modules that _own has made
+
+
+def _own(path: str, function: str | None = None) -> Any:
+    """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
+
+    Where the file or the function raises, the error names their line.
+    """
     regular.read(path, "scene_bytes", SceneError)  # a regular file
-    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+    spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
+    if spec is None or spec.loader is None:
+        raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
+    if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours:
+        raise SceneError(f"{path}: there is another module {name}, which stimlib may need: give the file another name")
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    _ours.add(name)
     try:
         spec.loader.exec_module(module)
+        if function is None:
+            return None
         if not callable(make := getattr(module, function, None)):
             raise SceneError(f"{path} has no function {function!r}")
         scene = make()
@@ -91,10 +110,16 @@ def _own(path: str, function: str) -> Scene:
         if line is None and isinstance(e, StimlibError):
             raise
         what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
-        raise SceneError(f"{path}:{line or function}: {what}") from e
+        raise SceneError(f"{path}:{line or function or 1}: {what}") from e
     if not isinstance(scene, Scene):
         raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
     return scene
+
+
+def _import(files: list[str]) -> None:
+    """Run the files of --import, so that their blocks are known."""
+    for path in files:
+        _own(path)
 
 
 def _shipped(name: str, words: str) -> Scene:
@@ -112,6 +137,12 @@ def _shipped(name: str, words: str) -> Scene:
     if wrong := set(chosen) - set(known):
         raise UnknownName(f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}")
     return make(**chosen)
+
+
+def _touching(text: str) -> str:
+    """How the scene that is SCENE on the command line gets an input contact."""
+    name = text.partition("(")[0]
+    return f"use {name}(contact=True)" if name in shipped() else ""
 
 
 def _pairs(items: list[str], what: str) -> dict[str, str]:
@@ -164,29 +195,6 @@ def _friendly() -> Iterator[None]:
         raise typer.Exit(3) from None
 
 
-MOTION = typer.Option(
-    help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
-    "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. See [bold]stimlib list[/]."
-)
-MAP = typer.Option(
-    "--map",
-    help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
-)
-WHERE = typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
-REPORTS = typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still).")
-TIME = typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
-REPEATS = typer.Option(
-    help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next stamp), "
-    "[bold]last[/] or [bold]mean[/]; by default they must be equal.",
-    show_default=False,
-)
-MAX_GAP = typer.Option(
-    help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to report.",
-    show_default=False,
-)
-MAX_SPEED = typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")
-
-
 class Reports(StrEnum):
     """What silence of a recording device means."""
 
@@ -202,65 +210,125 @@ class Repeats(StrEnum):
     mean = "mean"
 
 
+Command = Callable[..., None]
+
+
+def _options(f: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    return {n: p for n, p in inspect.signature(f, eval_str=True).parameters.items() if p.kind is p.KEYWORD_ONLY}
+
+
+def sharing(**shared: Callable[..., Any]) -> Callable[[Command], Command]:
+    """A command with the options (keyword-only parameters) of these functions; it gets each function with them filled in."""
+
+    def widened(command: Command) -> Command:
+        def run(**given: Any) -> None:
+            for name, f in shared.items():
+                given[name] = partial(f, **{option: given.pop(option) for option in _options(f)})
+            command(**given)
+
+        takes: list[inspect.Parameter] = []
+        for name, p in inspect.signature(command, eval_str=True).parameters.items():
+            takes += _options(shared[name]).values() if name in shared else [p.replace(kind=p.KEYWORD_ONLY)]
+        wraps(command)(run).__signature__ = inspect.Signature(takes)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in takes}
+        return run
+
+    return widened
+
+
 def _motions(
     scene: Scene,
-    texts: list[str],
-    maps: list[str],
-    where: str | None,
-    time: str,
-    reports: Reports,
-    repeats: Repeats | None,
-    max_speed: float,
-    max_gap: float | None,
+    default: tuple[str, ...] = (),
+    contact: str = "",
+    *,
+    motion: Annotated[
+        list[str],
+        typer.Option(
+            help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
+            "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. "
+            "See [bold]stimlib list[/]; what a sidecar has under motion is understood too."
+        ),
+    ] = [],  # noqa: B006
+    map_: Annotated[
+        list[str],
+        typer.Option(
+            "--map",
+            help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
+        ),
+    ] = [],  # noqa: B006
+    where: Annotated[
+        str | None, typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
+    ] = None,
+    time: Annotated[
+        str, typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
+    ] = "t_s",
+    reports: Annotated[
+        Reports,
+        typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still)."),
+    ] = Reports.always,
+    repeats: Annotated[
+        Repeats | None,
+        typer.Option(
+            help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next "
+            "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal.",
+            show_default=False,
+        ),
+    ] = None,
+    max_speed: Annotated[float, typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")] = 1.0,
+    max_gap: Annotated[
+        float | None,
+        typer.Option(
+            help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to "
+            "report.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
-    from .motion.generators import parse_motion
+    from .motion.recorded import Recording, parse_map, parse_source, parse_where, recording
 
     motions: dict[str, Any] = {}
     seconds = None
-    for text in texts:
+    files = [text for text in motion if Path(text).suffix.lower() in (".csv", ".npz")]
+    if (map_ or where) and not files:
+        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
+    for text in motion or default:
         name, equals, spec = text.partition("=")
-        if Path(text).suffix in (".csv", ".npz"):
-            from .motion.recorded import parse_map, parse_where, recording
-
-            if not maps:
+        found: Any
+        if text in files:
+            if not map_:
                 raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
-            rows = parse_where(where) if where else None
-            taken = recording(
+            found = recording(
                 text,
-                parse_map(maps),
-                where=rows,
+                parse_map(map_),
+                where=parse_where(where) if where else None,
                 time=time,
                 reports=reports.value,
                 repeats=None if repeats is None else repeats.value,
                 max_speed=max_speed,
                 max_gap=max_gap,
             )
-            motions |= taken.for_inputs(tuple(scene.inputs))
-            seconds = taken.duration
+            names = tuple(scene.inputs)
         elif equals and name.strip() in scene.inputs:
-            motions[name.strip()] = parse_motion(spec)
+            found, names = parse_source(spec), (name.strip(),)
         else:
-            motions |= dict.fromkeys(scene.inputs, parse_motion(text))
-    if seconds is None and (maps or where):
-        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
+            found, names = parse_source(text), tuple(scene.inputs)
+        if isinstance(found, Recording):
+            motions |= found.for_inputs(names, contact)
+            seconds = found.duration
+        else:
+            motions |= dict.fromkeys(names, found)
     if missing := set(scene.inputs) - set(motions):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
     return motions, seconds
 
 
 @app.command("render")
+@sharing(motions=_motions)
 def render_(
     scene: Annotated[str, SCENE],
     out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
+    motions: Any,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     set_: Annotated[
@@ -273,24 +341,26 @@ def render_(
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Also draw motion, outputs and spectrum of the first 10 s.")] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --out squeeze.wav[/]
     """
     with _friendly():
+        _import(import_)
         from .files import audio as file
         from .run.processor import compile
         from .run.rendering import render
 
         made = scene_of(scene)
         values = _live(set_)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made, contact=_touching(scene))
         length = seconds if seconds is not None else recorded or 5.0
         proc = compile(made, fs, seed=seed)
         for name, value in values.items():
             proc.set(name, value, ramp=0.0)
-        report = file.write(out, proc, motions, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
+        report = file.write(out, proc, motion, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
         if not quiet:
             print(report)
             top = max(report.peak.values())
@@ -304,7 +374,7 @@ def render_(
         if picture is not None:
             from .analysis.picture import picture as draw
 
-            draw(render(made, motions, fs, min(length, 10.0), values, seed), picture)
+            draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 
 
 class Sinks(StrEnum):
@@ -315,13 +385,6 @@ class Sinks(StrEnum):
     portaudio = "portaudio"
 
 
-FULL_SCALE = typer.Option(
-    help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond. For different units: a=50,b=0.1.",
-    show_default=False,
-)
-PEAK = typer.Option(help="Largest force in N, of outputs in N.")
-STATIC = typer.Option(help="Largest lasting force in N, of outputs in N.")
-SLEW = typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale.")
 CHANNELS = typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
 CONNECT = typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable.")
 LOG = typer.Option("--log", help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
@@ -330,7 +393,23 @@ SEED = typer.Option(help="Key of all noise.")
 RATE = typer.Option(help="Sample rate in Hz; it must be the device's.")
 
 
-def _safety(full_scale: str, peak: float | None, static: float | None, slew: str | None) -> Any:
+def _safety(
+    *,
+    full_scale: Annotated[
+        str,
+        typer.Option(
+            help="Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond. For different units: "
+            "a=50,b=0.1.",
+            show_default=False,
+        ),
+    ],
+    peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
+    static: Annotated[float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")] = None,
+    slew: Annotated[
+        str | None,
+        typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
+    ] = None,
+) -> Any:
     from .run.safety import Safety
 
     def of_each(text: Any) -> Any:
@@ -375,9 +454,11 @@ def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds
 
 
 @app.command()
+@sharing(safety=_safety, motions=_motions)
 def play(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[str, FULL_SCALE],
+    safety: Any,
+    motions: Any,
     sink: Annotated[Sinks, typer.Option(help="What plays: see [bold]stimlib devices[/].")] = Sinks.null,
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
@@ -389,23 +470,13 @@ def play(
     fast: Annotated[
         bool, typer.Option("--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes.")
     ] = False,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
-    peak: Annotated[float | None, PEAK] = None,
-    static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Play a scene on a device, with the safety stage around it.  Ctrl-C fades out.
 
@@ -414,15 +485,15 @@ def play(
     [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50 --log monday.stimlog[/]
     """
     with _friendly(), _notes():
+        _import(import_)
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made, contact=_touching(scene))
         options: dict[str, Any] = {
-            "motion": motions,
+            "motion": motion,
             "seed": seed,
             "params": _live(set_),
             "log": log,
         }
-        safety = _safety(full_scale, peak, static, slew)
         if fast and sink == Sinks.jack:
             raise BadValue("--fast: a JACK server has its own pace")
         for option, given in (("--connect", connect), ("--client", client)):
@@ -432,18 +503,18 @@ def play(
         if sink == Sinks.jack:
             from .devices.jack import JackSink
 
-            playing = JackSink(made, safety, name=client or "stimlib", server=device, connect=_ports(connect), **options)
+            playing = JackSink(made, safety(), name=client or "stimlib", server=device, connect=_ports(connect), **options)
         elif sink == Sinks.portaudio:
             from .devices.portaudio import PortAudioSink
 
             name = int(device) if device is not None and device.isdecimal() else device
-            playing = PortAudioSink(made, safety, name=name, clocked=not fast, **options)
+            playing = PortAudioSink(made, safety(), name=name, clocked=not fast, **options)
         else:
             if device is not None:
                 raise BadValue("--device: null has no device")
             from .devices.null import NullSink
 
-            playing = NullSink(made, safety, clocked=not fast, **options)
+            playing = NullSink(made, safety(), clocked=not fast, **options)
         try:
             _play(playing, fs, channels, block, seconds if seconds is not None else recorded, not quiet)
         except (SinkError, FaultError) as e:
@@ -487,9 +558,11 @@ class Loops(StrEnum):
 
 
 @app.command()
+@sharing(safety=_safety, motions=_motions)
 def loopback(
     scene: Annotated[str, SCENE],
-    full_scale: Annotated[str, FULL_SCALE],
+    safety: Any,
+    motions: Any,
     sink: Annotated[Loops, typer.Option(help="What plays and records.")] = Loops.jack,
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
     connect: Annotated[list[str], CONNECT] = [],  # noqa: B006
@@ -504,38 +577,29 @@ def loopback(
         float, typer.Option(help="Of a cable: largest difference after gain and delay, relative to the signal.")
     ] = 0.05,
     channels: Annotated[int | None, CHANNELS] = None,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, RATE] = 8000.0,
-    peak: Annotated[float | None, PEAK] = None,
-    static: Annotated[float | None, STATIC] = None,
-    slew: Annotated[str | None, SLEW] = None,
     set_: Annotated[list[str], LIVE] = [],  # noqa: B006
     seed: Annotated[int, SEED] = 0,
     log: Annotated[Path | None, LOG] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Play, record what arrives, compare it with the offline render, measure the delay.  Exit status 1 when it differs.
 
     [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50[/]
     """
     with _friendly(), _notes():
+        _import(import_)
         from .devices.loopback import loopback as compare
 
         made = scene_of(scene)
-        motions, recorded = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
+        motion, recorded = motions(made, contact=_touching(scene))
         result = compare(
             made,
-            _safety(full_scale, peak, static, slew),
+            safety(),
             fs,
             seconds if seconds is not None else recorded or 5.0,
-            motion=motions,
+            motion=motion,
             channels=channels,
             server=device,
             connect=_ports(connect),
@@ -551,57 +615,63 @@ def loopback(
 
 
 @app.command("verify")
+@sharing(motions=_motions)
 def verify_(
-    scene: Annotated[str | None, SCENE] = None,
-    wav: Annotated[Path | None, typer.Option(help="The file that [bold]stimlib render[/] wrote.", show_default=False)] = None,
+    motions: Any,
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="FILE|SCENE",
+            help="The sound file that [bold]stimlib render[/] wrote; or the scene that --wav or --log must be of.",
+            show_default=False,
+        ),
+    ] = None,
+    wav: Annotated[
+        Path | None, typer.Option(help="The sound file, where SCENE says which scene is expected.", show_default=False)
+    ] = None,
     log: Annotated[
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
-    motion: Annotated[list[str], MOTION] = [],  # noqa: B006
-    map_: Annotated[list[str], MAP] = [],  # noqa: B006
-    where: Annotated[str | None, WHERE] = None,
-    time: Annotated[str, TIME] = "t_s",
-    reports: Annotated[Reports, REPORTS] = Reports.always,
-    repeats: Annotated[Repeats | None, REPEATS] = None,
-    max_speed: Annotated[float, MAX_SPEED] = 1.0,
-    max_gap: Annotated[float | None, MAX_GAP] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
-    Motions that were generated are read from the file's sidecar; a recording must be named again, as it was rendered. A log
-    has the motion, and the scene; if SCENE is given, it must be that one.
+    Scene, parameters, seed and motion are read from the file's sidecar, a recording from the path that it tells, if that file
+    still has its SHA-256. A motion that its text does not tell is given again, as it was rendered. A log has all of it. If
+    SCENE is given, it must be that one.
 
-    [bold]stimlib verify squeeze --wav squeeze.wav --report squeeze.html[/]
+    [bold]stimlib verify squeeze.wav --report squeeze.html[/]
+
+    [bold]stimlib verify "squeeze(fingers=1)" --wav squeeze.wav[/]
 
     [bold]stimlib verify --log monday.stimlog[/]
     """
     with _friendly():
+        _import(import_)
+        from .files.audio import FORMATS
+
+        if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
+            if wav is not None:
+                raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
+            wav, scene = Path(scene), None
+        given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
         if log is not None:
-            if wav is not None or motion:
+            if wav is not None or given:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
             from .files.log import read_log
 
-            result = verify_log(read_log(log), None if scene is None else scene_of(scene))
+            expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
+            result = verify_log(read_log(log), expected)
         else:
-            if scene is None or wav is None:
-                raise BadValue("say what to verify: SCENE --wav FILE, or --log LOG")
-            from .checks.verify import verify
-            from .files import audio as file
-            from .motion.generators import parse_motion
+            from .checks.verify import scene_told, verify_file
 
-            made = scene_of(scene)
-            if motion:
-                motions, _ = _motions(made, motion, map_, where, time, reports, repeats, max_speed, max_gap)
-            else:
-                told = file.read(wav)[1]["motion"]
-                if any(text.startswith("log of") for text in told.values()):
-                    raise BadValue(f"{wav} was made of a session's log: verify that, with stimlib verify --log")
-                if any("(" not in text or text.startswith("recording(") for text in told.values()):
-                    raise BadValue(f"{wav}: its motion was recorded; give --motion, --map and all that it was rendered with")
-                motions = {name: parse_motion(text) for name, text in told.items()}
-            result = verify(made, motions, wav)
+            if wav is None:
+                raise BadValue("say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
+            expected = None if scene is None else scene_of(scene)
+            motion = motions(expected or scene_told(wav), contact=_touching(scene or ""))[0] if given else None
+            result = verify_file(wav, expected, motion)
         Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
@@ -616,12 +686,14 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
     ] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
 
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     with _friendly():
+        _import(import_)
         from .files.log import read_log
         from .files.log import replay as replay_log
 
@@ -647,12 +719,16 @@ def recover(
 
 
 @app.command("render-set")
+@sharing(motions=_motions)
 def render_set_(
     folder: Annotated[
         Path, typer.Argument(help="Folder to write the files and index.json into; a set that was interrupted goes on.")
     ],
-    motion: Annotated[str, typer.Option(help="Motion of the finger; see [bold]stimlib list[/].")] = "constant_speed(0.02, 0.1)",
-    seconds: Annotated[float, typer.Option(help="Length of each file.")] = 5.0,
+    motions: Any,
+    contact: Annotated[
+        bool, typer.Option("--contact", help="The bumps rest while the finger is lifted; for recordings with lifts.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option(help="Length of each file; by default the recording's, else 5 s.")] = None,
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
@@ -661,19 +737,21 @@ def render_set_(
 ):
     """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
 
+    The finger strokes 0.1 m at 20 mm/s, unless --motion says otherwise.
+
     [bold]stimlib render-set bumps/[/]
     """
     with _friendly():
         from .files.batch import render_set
-        from .motion.generators import parse_motion
         from .scenes import bumps, bumps_set
 
-        scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s) for s in bumps_set()}
+        scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s, contact=contact) for s in bumps_set()}
+        motion, recorded = motions(next(iter(scenes.values())), ("constant_speed(0.02, 0.1)",), "add --contact")
         index = render_set(
             folder,
             scenes,
-            {"x": parse_motion(motion)},
-            seconds,
+            motion,
+            seconds if seconds is not None else recorded or 5.0,
             fs,
             seed=seed,
             repetitions=repetitions,
@@ -691,12 +769,14 @@ def show(
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
+    import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
     with _friendly():
+        _import(import_)
         from .run.processor import compile
 
         made = scene_of(scene)

@@ -336,6 +336,7 @@ EDITS = {
     "scene, k": other_k,
     "scene, law": lambda d: d["scene"].update(law=None),
     "scene_hash": lambda d: d.update(scene_hash="0" * 64),
+    "definitions, of no block": lambda d: d.update(definitions={"click_block": {"sha256": "0" * 64, "text": ""}}),
     "sha256": lambda d: d.update(sha256="0" * 64),
     "sha256, none": lambda d: d.update(sha256=None),
     "a key more": lambda d: d.update(calibrated=True),

@@ -1,14 +1,17 @@
 """The command line as a person uses it: real files, real processes."""
 
 import ast
+import hashlib
 import inspect
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib.cli import app, scene_of
+from stimlib.core.graph import registry
 from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk, sinusoid
 
@@ -303,6 +307,78 @@ def test_sidecar_is_enough_to_render_again(tmp_path):
     assert np.array_equal(file.read(tmp_path / "a.w64")[0], again.y)
 
 
+GRIP = "t_s,force_N,x_mm\n0,8,1\n0.012,9,1\n0.024,11,2\n0.036,14,3\n"
+
+
+@pytest.mark.parametrize("name", ["a.wav", "a.flac"])
+@pytest.mark.parametrize("motion", [["minimum_jerk(depth=0.01)"], ["grip.csv", "--map", "x=force_N*5e-4", "--max-speed", "2"]])
+def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    words = ["--seconds", "0.1", "--full-scale", "64", "--set", "k=1500", "--seed", "4", "--quiet"]
+    done = run.invoke(app, ["render", "squeeze(fingers=1)", "--motion", *motion, *words, "--out", name])
+    assert done.exit_code == 0, done.output
+    done = run.invoke(app, ["verify", name])
+    assert done.exit_code == 0 and "the scene is the sidecar's own" in done.stdout, done.output
+    done = run.invoke(app, ["verify", "squeeze(fingers=2)", "--wav", name])
+    assert done.exit_code == 2 and "was rendered from another scene" in done.stderr
+    if motion[0] == "grip.csv":
+        (tmp_path / "grip.csv").write_text(GRIP + "0.048,20,4\n")
+        done = run.invoke(app, ["verify", name])
+        assert done.exit_code == 2 and f"error: {name}: motion of x1: grip.csv: SHA-256 is " in done.stderr
+        done = run.invoke(app, ["verify", name, "--motion", *motion])
+        assert done.exit_code == 1, "the motion that is named is another one now"
+        (tmp_path / "grip.csv").unlink()
+        done = run.invoke(app, ["verify", name])
+        assert done.exit_code == 2 and "or give the motion (--motion), as it was rendered" in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("scene", "name"), [("squeeze", "x"), ("bumps(duty=0.3)", "x"), ("viscoelastic", "y"), ("OWN:soft", "x")]
+)
+def test_lifts_name_the_scene_that_knows_of_them(tmp_path, scene, name):
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "lift.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
+    words = ["--motion", str(tmp_path / "lift.csv"), "--map", f"{name}=x_mm*1e-3", "--out", str(tmp_path / "a.wav")]
+    done = run.invoke(app, ["render", scene.replace("OWN", str(tmp_path / "own.py")), *words])
+    wanted = f"use {scene.partition('(')[0]}(contact=True)" if "OWN" not in scene else 'give it an Input("contact")'
+    assert done.exit_code == 2 and wanted in " ".join(done.stderr.split()), done.output
+
+
+@pytest.mark.parametrize("command", ["render squeeze --out a.wav", "play squeeze --full-scale 50 --fast", "verify a.wav"])
+def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    text = "recording('grip.csv', {'x': 'force_N*5e-4'})"
+    if "verify" in command:
+        assert run.invoke(app, ["render", "squeeze", "--motion", text, "--out", "a.wav", "--quiet"]).exit_code == 0
+    one_by_one = ["--motion", f"x1={text}.motion['x']", "--motion", f"x2={text}"]
+    for motion in (["--motion", text], one_by_one, ["--motion", "grip.csv", "--map", "x=force_N*5e-4"]):
+        done = run.invoke(app, [*command.split(), *motion])
+        assert done.exit_code == 0, done.output
+    done = run.invoke(app, [*command.split(), "--motion", text, "--map", "x=force_N*5e-4"])
+    assert done.exit_code == 2 and "--map and --where are for a recording" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
+     ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not say the SHA-256"), ("recording(", "--motion"),
+     ("recording(open('grip.csv'), {}).contact", "--motion"), ("recording('grip.csv', {'x': 'x_mm'}, y=1)", "--motion")],
+)  # fmt: skip
+def test_a_motion_that_its_text_does_not_tell(tmp_path, monkeypatch, told, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grip.csv").write_text(GRIP)
+    words = ["--motion", "minimum_jerk()", "--seconds", "0.1", "--quiet"]
+    assert run.invoke(app, ["render", "squeeze(fingers=1)", *words, "--out", "a.wav"]).exit_code == 0
+    sidecar = json.loads((tmp_path / "a.wav.json").read_text())
+    (tmp_path / "a.wav.json").write_text(json.dumps(sidecar | {"motion": {"x1": told}}))
+    done = run.invoke(app, ["verify", "a.wav"])
+    assert done.exit_code == 2 and says in " ".join(done.stderr.split()) and "Traceback" not in done.output
+    done = run.invoke(app, ["verify", "a.wav", *words[:2]])
+    assert done.exit_code == 0, done.output
+
+
 @pytest.fixture
 def session(tmp_path):
     from stimlib.devices.null import NullSink
@@ -343,8 +419,12 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
-        (["verify", "squeeze"], "say what to verify: SCENE --wav FILE, or --log LOG"),
-        (["verify", "--wav", "a.wav"], "say what to verify: SCENE --wav FILE, or --log LOG"),
+        (["verify"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "squeeze"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "--wav", "a.wav"], "there is no file a.wav"),
+        (["verify", "a.flac"], "there is no file a.flac"),
+        (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),
+        (["verify", "--log", "LOG", "--map", "x=y"], "give --log without --wav and --motion"),
         (["replay", "LOG/session.json"], "session.json is no log: that is the folder that a sink wrote"),
         (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
         (["recover", "LOG"], "a log needs nothing, see stimlib replay"),
@@ -374,6 +454,109 @@ def test_a_render_that_was_killed_is_recovered(tmp_path):
     assert done.exit_code == 0 and "frames" in done.output, done.output
     done = run.invoke(app, ["verify", "squeeze", "--wav", str(out)])
     assert done.exit_code == 0, done.output
+
+
+# Blocks of the user's own ----------------------------------------------------------------------------------------------
+CLICK = """
+from dataclasses import dataclass
+from stimlib import Block, Input, Scene
+
+GAIN = 3.0
+
+@dataclass(frozen=True, eq=False)
+class Click(Block):
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return GAIN * x, s
+
+def scene():
+    return Scene({"f": Click(Input("x", "m"))})
+"""
+
+
+@pytest.fixture(scope="module")
+def clicks(tmp_path_factory):
+    """A block in a file of its own, and what was made of it: a scene, a sound file, a log."""
+    folder = tmp_path_factory.mktemp("clicks")
+    (folder / "click_block.py").write_text(CLICK)
+    own, hand = f"{folder}/click_block.py:scene", ["--motion", "minimum_jerk()", "--seconds", "0.2"]
+    for words in (
+        ["show", own, "--save", f"{folder}/click.json"],
+        ["render", own, *hand, "--out", f"{folder}/click.wav", "--quiet"],
+        ["play", own, *hand, "--full-scale", "1", "--fast", "--quiet", "--log", f"{folder}/click.stimlog"],
+    ):
+        done = run.invoke(app, words)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --log click.stimlog",
+     "verify click.json --wav click.wav", "show click.json",
+     "render click.json --motion minimum_jerk() --seconds 0.2 --out again.wav",
+     "play click.json --motion minimum_jerk() --seconds 0.2 --full-scale 1 --fast"],
+)  # fmt: skip
+def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
+    monkeypatch.chdir(clicks)
+    for more, code in ([], 2), (["--import", "click_block.py"], 0):
+        registry.pop("click_block.Click", None)  # as in a process of its own
+        done = run.invoke(app, [*words.split(), *more])
+        assert done.exit_code == code, done.output
+        assert code == 0 or "import click_block first; on the command line, say --import click_block.py" in done.stderr
+
+
+def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):
+    registry.pop("click_block.Click", None)
+    done = run.invoke(app, ["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"])
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize("edit", ["# another day\n", "GAIN = 2.0\n"])
+@pytest.mark.parametrize("words", ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --wav click.wav"])
+def test_what_defined_an_own_block_is_kept_and_compared(clicks, tmp_path, monkeypatch, words, edit):
+    monkeypatch.chdir(clicks)
+    kept = [json.loads(Path(name).read_text()) for name in ("click.stimlog/session.json", "click.wav.json")]
+    assert [k["definitions"]["click_block"]["text"] for k in kept] == [CLICK, CLICK]
+    (tmp_path / "click_block.py").write_text(CLICK + edit)
+    done = run.invoke(app, [*words.split(), "--import", str(tmp_path / "click_block.py")])
+    assert done.exit_code == ("GAIN" in edit), done.output
+    assert "own blocks of click_block:" in done.stdout
+    done = run.invoke(app, [*words.split(), "--import", "click_block.py"])
+    assert done.exit_code == 0 and "own blocks" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("now", "code"),
+    [({"text": "x = 1"}, 2), ({"sha256": "0" * 64}, 2), ({"text": "\ud800"}, 2), (None, 2), ({"text": 1}, 2),
+     ({"text": "x = 1", "sha256": hashlib.sha256(b"x = 1").hexdigest()}, 0)],
+)  # fmt: skip
+def test_a_definition_has_its_hash(clicks, tmp_path, now, code):
+    """Whoever changes both is told from today's file only."""
+    shutil.copytree(clicks / "click.stimlog", tmp_path / "a.stimlog")
+    path = tmp_path / "a.stimlog" / "session.json"
+    told = json.loads(path.read_text())
+    told["definitions"] = {} if now is None else {"click_block": told["definitions"]["click_block"] | now}
+    path.write_text(json.dumps(told))
+    done = run.invoke(app, ["replay", str(path.parent), "--import", f"{clicks}/click_block.py"])
+    assert done.exit_code == code and ("is not the one that was recorded" in done.stdout) == (code == 0), done.output
+    assert code == 0 or "definitions" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [("odd_block.py", "x = 1\ny = nothing", "odd_block.py:2: NameError: name 'nothing' is not defined"),
+     ("odd_block.py", "def f(:", "odd_block.py:1: SyntaxError"), ("numpy.py", "", "give the file another name"),
+     ("odd.txt", "", "name one such as click_block.py"), ("absent.py", None, "cannot read")],
+)  # fmt: skip
+def test_mistakes_of_import_get_one_line(tmp_path, name, text, says):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    done = run.invoke(app, ["show", "squeeze", "--import", str(tmp_path / name)])
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert sys.modules["numpy"] is np
 
 
 # Devices -------------------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core import definitions
 from ..errors import shown
 from ..files import audio as file
 from ..version import __version__
@@ -15,8 +16,8 @@ from .evidence import Check, Evidence
 
 # what is held, and what is for the reader alone
 HELD = {
-    "format", "subtype", "fs", "frames", "channels", "seed", "params", "index", "log", "motion", "scene", "scene_hash", "sha256",
-    "file_sha256",
+    "format", "subtype", "fs", "frames", "channels", "seed", "params", "index", "log", "motion", "scene", "scene_hash",
+    "definitions", "sha256", "file_sha256",
 }  # fmt: skip
 TOLD = {"stimlib", "versions", "recovered"}
 
@@ -43,6 +44,7 @@ def says(e: Evidence) -> list[Check]:
         "units": ([c["unit"] for c in channels], [str(b.dim) for b in e.scene.outputs.values()]),
         "peaks": ([c.get("peak") for c in channels], np.abs(signal).max(axis=1, initial=0.0).tolist()),
         "scene": (_hash(told.get("scene")), e.scene.hash),
+        "definitions": definitions.hashes(told["definitions"], e.scene),
         "parameters": (told.get("params"), e.proc.params),
         "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
         "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
@@ -66,6 +68,7 @@ def _hash(scene: Any) -> str:
 
 def _tell(e: Evidence, told: dict[str, Any]) -> None:
     """What no check can hold."""
+    e.skipped += definitions.changed(told["definitions"], e.scene)
     e.skipped.append(f"for the reader only: written by stimlib {shown(told.get('stimlib'))}, this is {__version__}")
     if "recovered" in told:
         e.skipped.append(

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.graph import Block, Const, Input, pack, signals
 from ..core.scene import Scene
-from ..errors import shown
+from ..errors import BadValue, shown
 from ..run.processor import compile
 from ..run.rendering import Rendering
 from .evidence import Check, Evidence, change, drive, gather
@@ -61,6 +61,83 @@ def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     """
     e = gather(scene, motion, rendering)
     return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits_kept(e)], e)
+
+
+def verify_file(path: str | os.PathLike[str], scene: Scene | None = None, motion: Mapping[str, Any] | None = None) -> Report:
+    """Prove a file of the file sink by what its sidecar tells: the scene, and the motion that its text makes again.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene, optional
+        What is expected; by default the sidecar's own.
+    motion : dict of str to callable or ndarray, optional
+        As it was rendered; needed where a text does not tell it, as of an array or a function of yours. Of a recording the
+        sidecar has the call and the SHA-256 of its file, which must still be at its path.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    BadValue
+        As `verify`; the file was made of a session's log; its motion cannot be made again.
+    RecordingError
+        The file of a recording is not there, or is another.
+    SceneFileError
+        The sidecar has no scene, or one with a block that is not imported.
+    SinkError
+        A damaged file or sidecar.
+
+    Examples
+    --------
+    >>> import tempfile, stimlib
+    >>> from stimlib.checks.verify import verify_file
+    >>> from stimlib.files import audio
+    >>> from stimlib.motion.generators import minimum_jerk
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     proc = stimlib.compile(stimlib.scenes.squeeze(fingers=1), fs=8000)
+    ...     report = audio.write(folder + "/a.wav", proc, {"x1": minimum_jerk()}, seconds=0.5)
+    ...     verify_file(folder + "/a.wav").passed
+    True
+    """
+    from ..files import audio as file
+
+    told = file.read(path)[1]
+    report = verify(scene_told(path) if scene is None else scene, _motion_told(path, told) if motion is None else motion, path)
+    if scene is None:
+        report.evidence.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
+    return report
+
+
+def scene_told(path: str | os.PathLike[str]) -> Scene:
+    """The scene that a file's sidecar has.
+
+    Raises
+    ------
+    SceneFileError, SinkError
+        As `verify_file`.
+    """
+    from ..files import audio as file
+
+    return Scene.from_dict(file.told(path)["scene"], f"{path}.json")
+
+
+def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
+    """The motion that the texts of a sidecar make again."""
+    from ..motion.recorded import parse_source
+
+    if any(text.startswith("log of") for text in told["motion"].values()):
+        raise BadValue(f"{path} was made of a session's log: verify that, with stimlib verify --log")
+    known: dict[str, Any] = {}
+    for name, text in told["motion"].items():
+        try:
+            known[text] = known[text] if text in known else parse_source(text, pinned=True)
+        except BadValue as e:
+            why = f"{e}; or" if text.startswith("recording(") else f"it cannot be made again from {text!r:.200}:"
+            raise type(e)(f"{path}: motion of {name}: {why} give the motion (--motion), as it was rendered") from e
+    return {name: known[text] for name, text in told["motion"].items()}
 
 
 # a: linear blocks --------------------------------------------------------------------------------------------------------

@@ -119,7 +119,7 @@ class Scene:
                 raise SceneFileError(f"{where}: block {i} must have a class and fields")
             name = entry["class"]
             if name not in registry:
-                hint = f"import {name.rpartition('.')[0]} first" if "." in name else "update stimlib"
+                hint = _remedy(name.rpartition(".")[0]) if "." in name else "update stimlib"
                 raise SceneFileError(f"{where}: block {i} is a {name!r}, which is not known here: {hint}")
             kind = registry[name]
             fields = dict(entry["fields"])
@@ -198,6 +198,14 @@ def load(path: str | os.PathLike) -> Scene:
     except (ValueError, RecursionError) as e:
         raise SceneFileError(f"{path}: not JSON ({e})") from e
     return Scene.from_dict(data, str(path))
+
+
+def _remedy(module: str) -> str:
+    """What makes the blocks of a module known."""
+    if module == "__main__":
+        return "a script or a notebook defined it; define it in a file of its own, import that there, and record again"
+    file = f"{module}.py" if module.isidentifier() else f"a file of yours that imports {module}"
+    return f"import {module} first; on the command line, say --import {file}"
 
 
 def _no_constant(text: str) -> Any:

@@ -25,6 +25,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..core.definitions import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
@@ -647,6 +648,7 @@ class Sink:
             "versions": {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages},
             "scene": self.scene.to_dict(),
             "scene_hash": self.scene.hash,
+            "definitions": definitions(self.scene),
             "fs": self.rate,
             "seed": self.seed,
             "params": self.params,

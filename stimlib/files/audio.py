@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import fields, regular
+from ..core import definitions, fields, regular
 from ..core.bounds import limits
 from ..core.program import warn_beyond
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
@@ -69,6 +69,7 @@ BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being
     "motion": fields.table_of(fields.text),
     "scene": fields.table,
     "scene_hash": fields.text,
+    "definitions": definitions.TEST,
 }
 _RECOVERED = {"recovered": fields.record({"frames": _COUNT})}
 DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
@@ -233,6 +234,7 @@ def write(
         "motion": {name: _describe(source) for name, source in sources.items()},
         "scene": proc.scene.to_dict(),
         "scene_hash": proc.scene.hash,
+        "definitions": definitions.definitions(proc.scene),
     }
     step = min(int(block), max(1, int(STEP * proc.fs)))
 
@@ -281,7 +283,7 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     _check_format(format, subtype, fs, len(names), frames)
     _check_place(path, _sidecar(path), True)
     blank: dict[str, Any] = {"stimlib": __version__, "format": format, "subtype": subtype, "seed": 0, "params": {}, "index": 0}
-    blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": ""}
+    blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": "", "definitions": {}}
     scales = np.array([c["full_scale"] for c in info["channels"]])
 
     def run(draft: Draft) -> tuple[NDArray[np.int64], Array, None]:
@@ -437,9 +439,10 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     sidecar : dict
         stimlib (version), format, subtype, fs (Hz), frames, channels (a list of name, unit, full_scale, clips, peak),
         seed, params (when the file began), index (samples that the processor had done before), log (what `Processor.set`
-        had changed, the `Change`s), motion, scene, scene_hash, versions, sha256 (of the signal before it was scaled and
-        rounded: the float64 values in physical units, little-endian, all outputs of sample 0, then of sample 1, ...)
-        and file_sha256 (of the audio file). With index 0, scene, seed, log and motion give the signal again. A file that was
+        had changed, the `Change`s), motion, scene, scene_hash, definitions (the files of your own blocks: a record),
+        versions, sha256 (of the signal before it was scaled and rounded: the float64 values in physical units,
+        little-endian, all outputs of sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index 0,
+        scene, seed, log and motion give the signal again. A file that was
         recovered also has recovered; see `recover`.
 
     Raises
@@ -481,6 +484,17 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
             return _samples(path, f, scales, frames), info
     except soundfile().SoundFileError as e:
         raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
+
+
+def told(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The sidecar of a file alone, checked; see `read`, which compares it with the file too.
+
+    Raises
+    ------
+    SinkError
+        It is missing, or stimlib did not write it.
+    """
+    return _load_sidecar(Path(path), _sidecar(Path(path)))
 
 
 def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..blocks.noise import noise_key
 from ..core import regular
+from ..core.definitions import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..run.processor import compile
@@ -171,6 +172,7 @@ def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, 
         and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
         and all(c["full_scale"] == (full_scale or 1.0) for c in sidecar["channels"])
         and sidecar["stimlib"] == file.__version__
+        and sidecar["definitions"] == definitions(Scene.from_dict(scene))
     )
 
 

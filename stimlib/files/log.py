@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import fields, regular
+from ..core import definitions, fields, regular
 from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
@@ -53,6 +53,7 @@ FIELDS: dict[str, fields.Test] = {
     "versions": fields.table,
     "scene": fields.table,
     "scene_hash": fields.text,
+    "definitions": definitions.TEST,
     "fs": fields.between(1, 1e7),  # Hz
     "seed": fields.whole(2**64 - 1),
     "params": fields.table_of(fields.number),
@@ -335,6 +336,7 @@ def header(
         "versions": {"numpy": np.__version__},
         "scene": scene.to_dict(),
         "scene_hash": scene.hash,
+        "definitions": definitions.definitions(scene),
         "fs": float(fs),
         "seed": seed,
         "params": dict(params or {}),
@@ -557,6 +559,7 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
             notes.append(f"motion ends at sample {len(motion)}, hashes and losses at {frames}")
         frames = min(frames, len(motion))
     limits.check("log_samples", frames, f"{folder}: samples", SinkError)
+    notes += definitions.changed(raw["definitions"], head.scene)
     if raw["stimlib"] != __version__:
         notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
     return SessionLog(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
@@ -589,6 +592,8 @@ def _header(data: dict[str, Any], where: str, error: type[StimlibError]) -> _Hea
     except (StimlibError, ValueError, TypeError, OverflowError, RecursionError) as e:
         raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
     need(scene.hash == data["scene_hash"], "scene_hash is not that of the scene: one of them was changed")
+    said, found = definitions.hashes(data["definitions"], scene)
+    need(said == found, "definitions are not those of the scene's own blocks, or do not have their hashes: they were changed")
     need(tuple(data["outputs"]) == outputs, f"outputs must be those of the scene, {', '.join(outputs)}")
     inputs = data["inputs"]
     need(set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
@@ -836,6 +841,7 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
             "lost": [{"at": at, "frames": n} for at, n in log.lost],
             "scene": what.to_dict(),
             "scene_hash": what.hash,
+            "definitions": log.header["definitions"],
         }
         file.write_frames(out, frames(), info)
     return Replay(log.frames, lost, compared.done, compared.wrong, log.logged - log.frames, changed_motion(log), log.notes)

@@ -8,6 +8,8 @@ pure function of time: the same bits in any cut of the time axis.
 Terms: a *report* is one row; a *stretch* is a run of reports in contact, without a lift or a jump.
 """
 
+import ast
+import inspect
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -19,7 +21,7 @@ import numpy as np
 from ..errors import BadValue, UnknownName, shown
 from .batch import Array
 from .cubics import cubics
-from .generators import Motion
+from .generators import MAX_SPEC, Motion, parse_motion
 from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
 from .table import TableFile, read_table
 
@@ -105,7 +107,7 @@ class Recording:
         extra = "".join(f", {what}: {count}" for what, count in counts.items() if count)
         return f"{shown(i['file'])}: {i['reports']} reports, {self.duration:.6g} s, median {i['rate']:.4g} Hz{extra}"
 
-    def for_inputs(self, inputs: Iterable[str]) -> dict[str, Motion]:
+    def for_inputs(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
         """The motion of a scene.
 
         Parameters
@@ -113,6 +115,8 @@ class Recording:
         inputs : iterable of str
             Names of the scene's inputs. One named ``contact`` gets `contact`. What is recorded for ``x`` serves ``x1``,
             ``x2``, ... where the scene has no ``x`` and the recording has nothing of their own.
+        contact : str
+            How the scene gets an input ``contact``, such as ``"use bumps(contact=True)"``, for the error where it needs one.
 
         Returns
         -------
@@ -145,16 +149,16 @@ class Recording:
             wrong = [f"nothing is recorded for {name}" for name in missing] + [f"the scene has no input {n}" for n in surplus]
             raise UnknownName(f"{self.info['file']}: {', '.join(wrong)}; the inputs are: {', '.join(names) or 'none'}")
         if "contact" not in served.values():
-            self._check_unbroken()
+            self._check_unbroken(contact)
         return {name: sources[by] for name, by in served.items() if by is not None}
 
-    def _check_unbroken(self) -> None:
+    def _check_unbroken(self, remedy: str) -> None:
         lifts, jumps = self.info["lifts"], self.info["jumps"]
         if not lifts and not jumps:
             return
         what = [f"a lift at row {lifts[0][0]} ({len(lifts)} in all)"] if lifts else []
         what += [f"a jump at row {jumps[0][0]} ({len(jumps)} in all)"] if jumps else []
-        remedy = 'use squeeze(contact=True), or give the scene an Input("contact")'
+        remedy = remedy or 'make it with contact=True (squeeze, bumps, viscoelastic), or give it an Input("contact")'
         remedy += ", or follow the point in the air with contact=False" if lifts else ""
         raise BadValue(f"{self.info['file']}: {' and '.join(what)}, and the scene has no input contact; {remedy}")
 
@@ -285,6 +289,66 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
             raise table.error("the step to this report is too large for its time", remedy, rows[min(int(i) + 1, len(rows) - 1)])
         tracks[name] = RecordedInput(t, c, f"{spec}.motion[{name!r}]")
     return tracks
+
+
+def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
+    """A motion or a recording from its text, as a sidecar has it.  Nothing is executed.
+
+    Parameters
+    ----------
+    text : str
+        A call of a generator, see `parse_motion`, or of `recording` with literal arguments; after that may be
+        ``.motion['x']`` or ``.contact``.
+    pinned : bool
+        Whether a recording must say the SHA-256 of its file, as one from a text of others should.
+
+    Returns
+    -------
+    Motion or Recording
+
+    Raises
+    ------
+    BadValue
+        When the text is anything else.
+    RecordingError
+        As `recording`; the file is not there, or is not the one with that SHA-256.
+
+    Examples
+    --------
+    >>> parse_source("sinusoid(0.01, 1)")
+    sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
+    >>> parse_source("recording('press.csv', {'x': 'force_N*5e-4'}).motion['x']")
+    Traceback (most recent call last):
+    stimlib.errors.RecordingError: press.csv: cannot be read (No such file or directory); give the name of a CSV or npz file
+    """
+    part: Any = None
+    try:
+        match ast.parse(text.strip(), mode="eval").body if isinstance(text, str) and len(text) <= MAX_SPEC else None:
+            case ast.Attribute(ast.Call(ast.Name("recording")) as call, "contact"):
+                part = "contact"
+            case ast.Subscript(ast.Attribute(ast.Call(ast.Name("recording")) as call, "motion"), ast.Constant(str() as part)):
+                pass
+            case ast.Call(ast.Name("recording")) as call:
+                pass
+            case _:
+                return parse_motion(text)
+        words = inspect.signature(recording).bind(
+            *map(ast.literal_eval, call.args), **{str(k.arg): ast.literal_eval(k.value) for k in call.keywords}
+        )
+    except (SyntaxError, RecursionError, MemoryError):
+        return parse_motion(text)  # it says what is wrong
+    except (TypeError, ValueError) as e:
+        if isinstance(e, BadValue):
+            raise
+        form = "recording('press.csv', {'x': 'force_N*5e-4'})"
+        raise BadValue(f"{text[:80]!r} cannot be read as a recording ({e}): write literal arguments, such as {form}") from None
+    if pinned and words.arguments.get("sha256") is None:
+        raise BadValue(f"{text[:80]!r} does not say the SHA-256 of its file")
+    made = recording(*words.args, **words.kwargs)
+    known: dict[Any, Any] = {None: made, "contact": made.contact, **made.motion}
+    if part not in known:
+        raise BadValue(f"{text[:80]!r}: nothing is recorded for {part!r}")
+    return known[part]
 
 
 def parse_map(items: Iterable[str]) -> dict[str, str]:

@@ -36,6 +36,7 @@ def other_scene(d):
 
 HELD = {
     "scene": other_scene,
+    "definitions": lambda d: d.update(definitions={"click_block": {"sha256": "0" * 64, "text": ""}}),
     "scene_hash": lambda d: d.update(scene_hash="0" * 64),
     "fs": lambda d: d.update(fs=8001.0),
     "seed": lambda d: d.update(seed=1),

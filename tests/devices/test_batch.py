@@ -74,6 +74,20 @@ def test_mistakes(tmp_path):
         render_set(tmp_path / "file" / "in", SET, MOTION, 0.1)
 
 
+def test_the_command_takes_a_recording(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "finger.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
+    monkeypatch.setattr("stimlib.scenes.bumps_set", lambda: bumps_set()[:1])
+    words = ["render-set", "set", "--motion", "finger.csv", "--map", "x=x_mm*1e-3", "--workers", "1"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2 and "has no input contact; add --contact" in " ".join(done.stderr.split())
+    done = CliRunner().invoke(app, [*words, "--contact"])
+    assert done.exit_code == 0, done.output
+    (name,) = json.loads((tmp_path / "set" / "index.json").read_text())["files"].values()
+    assert file.read(tmp_path / "set" / name)[1]["frames"] == 240, "as long as the recording"
+    assert CliRunner().invoke(app, ["verify", f"set/{name}"]).exit_code == 0
+
+
 def test_the_command_renders_the_experiment(tmp_path):
     done = CliRunner().invoke(app, ["render-set", str(tmp_path / "set"), "--seconds", "0.05", "--seed", "7"])
     assert done.exit_code == 0, done.output

@@ -248,7 +248,7 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
     sidecar = json.loads((tmp_path / "a.wav.json").read_text())
     assert list(sidecar) == [
         "stimlib", "format", "subtype", "fs", "frames", "channels", "seed", "params", "index", "log", "motion", "scene",
-        "scene_hash", "sha256", "versions", "file_sha256",
+        "scene_hash", "definitions", "sha256", "versions", "file_sha256",
     ]  # fmt: skip
     channel = sidecar["channels"][0]
     assert list(channel) == ["name", "unit", "full_scale", "clips", "peak"]

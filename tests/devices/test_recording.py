@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 import stimlib
 from stimlib.errors import BadValue, RecordingError, StimlibError, UnknownName
 from stimlib.files import audio as file
-from stimlib.motion.recorded import Recording, parse_map, parse_where, recording
+from stimlib.motion.recorded import Recording, parse_map, parse_source, parse_where, recording
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FS = 8000.0
@@ -376,7 +376,8 @@ def test_inputs_that_do_not_fit(csv, inputs, message):
 def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
     lifted, jumped = recording(csv(LIFT), {"x": "x*1e-3"}), recording(csv(**jumping(100), name="jump.csv"), {"x": "x"})
     with pytest.raises(
-        BadValue, match=r"a lift at row 2 \(3 in all\), and .*squeeze\(contact=True\).*Input\(\"contact\"\), or .*contact=False"
+        BadValue,
+        match=r"a lift at row 2 \(3 in all\), .*; make it with contact=True .*Input\(\"contact\"\), or .*contact=False",
     ):
         lifted.for_inputs(["x"])
     with pytest.raises(BadValue, match=r"a jump at row 102 .*Input\(\"contact\"\)$"):
@@ -395,11 +396,11 @@ def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
     assert y.shape == (3, 640) and report.frames == 640
     motion = json.loads(Path("a.wav.json").read_text())["motion"]
     assert motion["x1"] == motion["x2"] == repr(r.motion["x"]) and motion["contact"] == repr(r.contact)
-    again = eval(motion["x1"], {"recording": recording})
+    again = parse_source(motion["x1"], pinned=True)
     assert np.array_equal(again(times(r)), r.motion["x"](times(r)))
     Path("log.csv").write_text(LIFT.replace("0.06,6", "0.06,7"))
     with pytest.raises(RecordingError, match="SHA-256 is .*, not .*; find the file that was meant"):
-        eval(motion["x1"], {"recording": recording})
+        parse_source(motion["x1"], pinned=True)
 
 
 def test_repr_is_one_line_that_makes_it_again(csv):
@@ -409,11 +410,16 @@ def test_repr_is_one_line_that_makes_it_again(csv):
     )
     for more in ({"where": options["where"]}, options, options | {"contact": False, "time": "t_s*2", "max_speed": None}):
         r = recording(path, {"x": "f*1e-4", "y": "(f-1)*2e-4"}, **more)
-        again = eval(repr(r), {"recording": recording})
+        again = parse_source(repr(r), pinned=True)
         assert repr(again) == repr(r) and "\n" not in repr(r) and " at 0x" not in repr(r) and "np." not in repr(r)
         assert again.info == r.info | {"file": again.info["file"]}
         for name in ("x", "y"):
             assert np.array_equal(again.motion[name](times(r)), r.motion[name](times(r)))
+    assert repr(parse_source(repr(r.motion["y"]))) == repr(r.motion["y"]) and repr(parse_source(repr(r.contact))) == repr(
+        r.contact
+    )
+    with pytest.raises(BadValue, match="nothing is recorded for 'z'"):
+        parse_source(f"{r!r}.motion['z']")
     assert repr(r.motion["x"]) == repr(r) + ".motion['x']" and repr(r.contact) == repr(r) + ".contact"
     assert str(r).endswith("4 reports, 0.06 s, median 50 Hz") and "\n" not in str(r)
 
@@ -742,8 +748,9 @@ def test_what_real_files_ask_for():
         recording(trials, {"x": "force_N*5e-4"})
     with pytest.raises(RecordingError, match="faster than a hand .*check the unit in the mapping of x"):
         recording(DATA / TOUCH / "hand_puck_tablet.csv", {"x": "x_mm"})
-    with pytest.raises(BadValue, match=r"a lift at row 118 \(4 in all\).*squeeze\(contact=True\)"):
-        recording(DATA / TOUCH / "finger_touchpad_horizontal.csv", {"x": "x_raw*2e-5"}).for_inputs(["x1", "x2"])
+    with pytest.raises(BadValue, match=r"a lift at row 118 \(4 in all\).*use squeeze\(contact=True\)"):
+        touch = recording(DATA / TOUCH / "finger_touchpad_horizontal.csv", {"x": "x_raw*2e-5"})
+        touch.for_inputs(["x1", "x2"], "use squeeze(contact=True)")
     with pytest.raises(RecordingError, match='a gap of .*reports="on_change"'):
         recording(DATA / TOUCH / "stylus_slow_pressure_ramp.csv", {"x": "x_mm*1e-3"}, contact=False)
 

@@ -1,0 +1,74 @@
+"""The text that blocks of a user's own were defined by: a record for the reader, which nothing runs, and its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import linecache
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from . import fields
+from .graph import Block, reach, type_name
+
+TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text}))
+
+
+def definitions(scene: Any) -> dict[str, dict[str, str]]:
+    """The files that define a scene's own blocks, as they are now.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    dict of str to dict
+        By module of a class: ``text``, its whole file or notebook cell with the helpers and constants there, and its ``sha256``.
+        Nothing for blocks of stimlib, whose text the version tells. The text is "" where Python has kept none.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.core.definitions import definitions
+    >>> definitions(stimlib.scenes.squeeze())
+    {}
+    """
+    return {module: {"sha256": _sha256(text := _text(cls)), "text": text} for module, cls in _own(scene).items()}
+
+
+def hashes(told: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
+    """The hashes that a record states, and those that it must have: of its texts, for the modules of the scene's own blocks."""
+    needed = {module: _sha256(told[module]["text"] if module in told else "") for module in _own(scene)}
+    return {module: d["sha256"] for module, d in told.items()}, needed
+
+
+def changed(told: Mapping[str, Any], scene: Any) -> list[str]:
+    """One line for each module whose text is another than the one that was recorded."""
+    return [
+        f"own blocks of {module}: the file is not the one that was recorded (sha256 {now['sha256'][:12]}, and not "
+        f"{told[module]['sha256'][:12]}); its text is kept under definitions"
+        for module, now in definitions(scene).items()
+        if module in told and told[module]["sha256"] != now["sha256"]
+    ]
+
+
+def _own(scene: Any) -> dict[str, type[Block]]:
+    """One class of each module that is not stimlib's."""
+    kinds = {type_name(c): c for c in map(type, reach(scene.outputs.values()))}
+    return {kinds[name].__module__: kinds[name] for name in sorted(kinds) if "." in name}
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()  # a file of others may have half a character
+
+
+def _text(cls: type) -> str:
+    """Of the file, or the notebook cell, that a class is defined in."""
+    functions = (getattr(v, "__func__", v) for v in vars(cls).values())
+    codes = [f.__code__ for f in functions if getattr(f, "__module__", None) == cls.__module__ and hasattr(f, "__code__")]
+    for file in [*(c.co_filename for c in codes), getattr(sys.modules.get(cls.__module__), "__file__", None) or ""]:
+        linecache.checkcache(file)
+        if lines := linecache.getlines(file):
+            return "".join(lines)
+    return ""
