@@ -22,23 +22,14 @@ from rich.console import Console
 from .core import regular
 from .core.scene import Scene, load
 from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName, shown
+from .version import __version__
 
 app = typer.Typer(
-    help="Haptic stimuli composed from small pure blocks: render, play, look at and list them.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_show_locals=False,
 )
 errors = Console(stderr=True)
-
-SCENE = typer.Argument(
-    metavar="SCENE",
-    help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
-    "[bold]path.py:function[/] (your own code; it is run), or a saved "
-    "[bold]path.json[/] (data; nothing in it is run).",
-    show_default=False,
-)
 
 
 def shipped() -> dict[str, Callable[..., Scene]]:
@@ -46,6 +37,34 @@ def shipped() -> dict[str, Callable[..., Scene]]:
     from .scenes import SHIPPED
 
     return SHIPPED  # type: ignore[return-value]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"stimlib {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def main(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+):
+    """Haptic stimuli composed from small pure blocks: render, play, look at and list them."""
+
+
+def _begun(text: str) -> list[str]:
+    """The shipped scenes whose names begin so, for the shell's completion."""
+    return [name for name in shipped() if name.startswith(text)]
+
+
+SCENE = typer.Argument(
+    autocompletion=_begun,
+    metavar="SCENE",
+    help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
+    "[bold]path.py:function[/] (your own code; it is run), or a saved "
+    "[bold]path.json[/] (data; nothing in it is run).",
+    show_default=False,
+)
 
 
 def scene_of(text: str) -> Scene:
@@ -726,7 +745,3 @@ def list_():
             known = inspect.signature(generator).parameters.values()
             words = ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known)
             out.print(f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}", soft_wrap=True)
-
-
-if __name__ == "__main__":
-    app()

@@ -194,7 +194,7 @@ def test_every_command_ends_so():
 
 
 def test_a_reader_that_goes_away_is_no_defect(tmp_path):
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
         job.stdout.close()
         said = job.stderr.read()
     assert job.wait() == 1 and "defect" not in said and "Traceback" not in said
@@ -265,6 +265,18 @@ def test_list_names_scenes_and_motions():
     assert "squeeze" in done.output and "minimum_jerk(depth=0.02" in done.output
 
 
+def test_the_module_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "stimlib", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"stimlib {stimlib.__version__}\n"
+
+
+@pytest.mark.parametrize(("typed", "offered"), [("stimlib rend", "render render-set"), ("stimlib show sq", "squeeze")])
+def test_the_shell_completes_commands_and_scenes(typed, offered):
+    words = {"_STIMLIB_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    assert run.invoke(app, [], prog_name="stimlib", env=words).stdout.split() == offered.split()
+    assert "--install-completion" in run.invoke(app, ["--help"]).stdout
+
+
 def test_help_teaches():
     done = run.invoke(app, ["render", "--help"])
     assert done.exit_code == 0 and "minimum_jerk" in done.output
@@ -273,7 +285,7 @@ def test_help_teaches():
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
     out = tmp_path / "long.rf64"
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "100000", "--out", str(out)]
-    job = subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE, text=True)
+    job = subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE, text=True)
     part = tmp_path / "long.rf64.part"
     for _ in range(600):
         if part.exists() and part.stat().st_size > 1_000_000:
@@ -359,7 +371,7 @@ def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
 def test_a_render_that_was_killed_is_recovered(tmp_path):
     out = tmp_path / "long.wav"
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "10000", "--out", str(out)]
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE) as job:
         part = tmp_path / "long.wav.part"
         for _ in range(600):
             if part.exists() and part.stat().st_size > 1_000_000:
@@ -409,7 +421,7 @@ def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
 
     log = tmp_path / "a.stimlog"
     words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stdout=-1, stderr=-1, text=True) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
         for _ in range(600):
             if (log / "motion.f64").exists() and (log / "motion.f64").stat().st_size > 4000 * 16:
                 break
