@@ -23,6 +23,7 @@ _HOME = {
     "draw": "analysis.draw",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
+    "MissingPackage": "errors",
 }  # fmt: skip
 _ROOMS = ("core", "design", "blocks", "scenes", "motion", "run", "files", "devices", "fitting", "analysis", "checks")
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from .errors import (
         BadValue,
         FaultError,
+        MissingPackage,
         RecordingError,
         SceneError,
         SceneFileError,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import math
 import threading
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..core.graph import kind, pack
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
-from ..errors import BadValue, SceneError, UnknownName
+from ..errors import BadValue, SceneError, UnknownName, shown
 
 if TYPE_CHECKING:
     from ..targets.jax.function import Function
@@ -398,3 +399,6 @@ class Plan(NamedTuple):
             mark = "*" if r.autonomous else " "
             lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
         return "\n".join(lines + [f"removed: {t}" for t in self.removed])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(shown(self))}</pre>"
