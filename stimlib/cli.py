@@ -6,12 +6,14 @@ import ast
 import errno
 import importlib.util
 import inspect
+import json
 import shlex
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -155,6 +157,28 @@ def _live(items: list[str]) -> dict[str, float]:
     return {name: _number(name, text) for name, text in _pairs(items, "--set").items()}
 
 
+def _print_json(data: Any) -> None:
+    """Data for programs, on stdout."""
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+def _facts(scene: Scene) -> dict[str, Any]:
+    """What a scene takes and gives, as plain data."""
+    return {
+        "inputs": {n: {"unit": str(b.dim)} for n, b in scene.inputs.items()},
+        "params": {n: {"value": b.value, "unit": str(b.dim)} for n, b in scene.params.items()},
+        "outputs": {n: {"unit": str(b.dim)} for n, b in scene.outputs.items()},
+        "hash": scene.hash,
+    }
+
+
+def _call(function: Callable[..., Any]) -> dict[str, Any]:
+    """What a function is for, and its arguments with their defaults; None where one must be given."""
+    known = inspect.signature(function).parameters.values()
+    defaults = {p.name: None if p.default is p.empty else p.default for p in known}
+    return {"what": (inspect.getdoc(function) or "").splitlines()[0], "arguments": defaults}
+
+
 def _say(what: str, text: Any) -> None:
     """One line on stderr, the text as it is."""
     errors.print(f"{what} ", end="")
@@ -183,6 +207,7 @@ def _friendly() -> Iterator[None]:
         raise typer.Exit(3) from None
 
 
+JSON = typer.Option("--json", help="Print JSON instead, for programs.")
 MOTION = typer.Option(
     help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
     "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. See [bold]stimlib list[/]."
@@ -485,6 +510,7 @@ def play(
 @app.command()
 def devices(
     server: Annotated[str | None, typer.Option(help="Name of the JACK server; JACK's own default otherwise.")] = None,
+    json_: Annotated[bool, JSON] = False,
 ):
     """What a scene can be played on here, why not on the rest, and how to get it.
 
@@ -493,8 +519,10 @@ def devices(
     with _friendly():
         from .devices.available import devices as look
 
-        out = Console()
-        for d in look(server):
+        found, out = look(server), Console()
+        if json_:
+            return _print_json([asdict(d) for d in found])
+        for d in found:
             out.print(f"{'[green]ready[/]  ' if d.ready else '[yellow]missing[/]'}  [bold]{d.sink:9}[/]  ", end="")
             out.print(f"{d.what}: {d.how}", markup=False, highlight=False, soft_wrap=True)
 
@@ -585,6 +613,7 @@ def verify_(
     max_speed: Annotated[float, MAX_SPEED] = 1.0,
     max_gap: Annotated[float | None, MAX_GAP] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
+    json_: Annotated[bool, JSON] = False,
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
@@ -621,10 +650,14 @@ def verify_(
                     raise BadValue(f"{wav}: its motion was recorded; give --motion, --map and all that it was rendered with")
                 motions = {name: parse_motion(text) for name, text in told.items()}
             result = verify(made, motions, wav)
-        Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
-            print(f"report: {report}")
+        if json_:
+            _print_json(result.to_dict())
+        else:
+            Console(width=None if sys.stdout.isatty() else 130).print(result)
+            if report is not None:
+                print(f"report: {report}")
     if not result.passed:
         raise typer.Exit(1)
 
@@ -710,6 +743,7 @@ def show(
     fs: Annotated[float, typer.Option(help="Sample rate in Hz.")] = 8000.0,
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
+    json_: Annotated[bool, JSON] = False,
 ):
     """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
@@ -719,8 +753,12 @@ def show(
         from .run.processor import compile
 
         made = scene_of(scene)
-        print(shown(made))
-        print(shown(compile(made, fs, target="python").plan))
+        plan = compile(made, fs, target="python").plan
+        if json_:
+            _print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
+        else:
+            print(shown(made))
+            print(shown(plan))
         if draw is not None:
             from .analysis.draw import draw as draw_graph
 
@@ -730,11 +768,14 @@ def show(
 
 
 @app.command("list")
-def list_():
+def list_(json_: Annotated[bool, JSON] = False):
     """The shipped scenes, with their parameters, and the motions that render understands."""
     with _friendly():
         from .motion.generators import GENERATORS
 
+        if json_:
+            scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
+            return _print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
         out = Console()
         for name, make in shipped().items():
             made = make()

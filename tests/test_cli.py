@@ -265,6 +265,39 @@ def test_list_names_scenes_and_motions():
     assert "squeeze" in done.output and "minimum_jerk(depth=0.02" in done.output
 
 
+def data_of(*words, code=0):
+    done = run.invoke(app, [*map(str, words), "--json"])
+    assert done.exit_code == code and done.stderr == "", done.output
+    return json.loads(done.stdout, parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
+
+
+def test_json_says_what_the_words_say(tmp_path):
+    listed = data_of("list")
+    assert listed["motions"]["minimum_jerk"]["arguments"]["depth"] == 0.02 and "squeeze" in listed["scenes"]
+    assert listed["scenes"]["squeeze"]["params"]["k"] == {"value": 2000.0, "unit": "N/m"}
+    shown = data_of("show", "squeeze", "--fs", "4000", "--save", tmp_path / "s.json")
+    plan = stimlib.compile(stimlib.load(tmp_path / "s.json"), 4000, "python").plan
+    assert shown["hash"] == listed["scenes"]["squeeze"]["hash"] and shown["fs"] == 4000 and shown["removed"] == plan.removed
+    assert [(row["number"], row["block"]) for row in shown["plan"]] == [row[:3:2] for row in plan.rows]
+    assert data_of("devices", "--server", "none_of_this_name")[0] == {
+        "sink": "null", "ready": True, "what": "no device, at the pace of the clock", "how": "--sink null"
+    }  # fmt: skip
+
+
+def test_json_of_a_verification(tmp_path):
+    out = tmp_path / "a.wav"
+    words = ["render", "squeeze(fingers=1)", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(out), "--quiet"]
+    assert run.invoke(app, words).exit_code == 0
+    sidecar = json.loads(out.with_suffix(".wav.json").read_text())
+    sidecar["channels"][0]["peak"] += 1
+    out.with_suffix(".wav.json").write_text(json.dumps(sidecar))
+    told = data_of("verify", "squeeze(fingers=1)", "--wav", out, code=1)
+    assert [c["name"] for c in told["checks"] if not c["passed"]] == ["sidecar: what it says"] and not told["passed"]
+    assert told["source"] == "a.wav" and told["seconds"] == 0.5 and len(told["checks"]) > 10
+    done = run.invoke(app, ["verify", "squeeze", "--wav", str(tmp_path / "b.wav"), "--json"])
+    assert done.exit_code == 2 and done.stdout == "" and "there is no file" in done.stderr
+
+
 def test_the_module_is_the_command():
     done = subprocess.run([sys.executable, "-m", "stimlib", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"stimlib {stimlib.__version__}\n"

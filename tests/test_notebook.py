@@ -1,5 +1,6 @@
 """What a notebook does with scenes, renderings, plans and reports."""
 
+import dataclasses as dc
 import sys
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 
 import stimlib
 from stimlib import Input, MissingPackage, Param, Scene
+from stimlib.checks.evidence import Check
 from stimlib.errors import FaultError, UnknownName
 from stimlib.files import audio
 
@@ -30,6 +32,8 @@ def test_each_shows_itself(r):
     report = stimlib.verify(SCENE, MOTION, r)
     rows = 1 + len(report.checks) + len({c.group for c in report.checks})
     assert ": passed</h4>" in report._repr_html_() and report._repr_html_().count("<tr>") == rows
+    odd = dc.replace(report, checks=[Check("e", "odd", np.inf, 0, "no number of JSON")]).to_dict()
+    assert not odd["passed"] and odd["checks"][0]["measured"] is None and odd["checks"][0]["limit"] == 0.0
     assert not any("<script" in page or "<style" in page for page in (scene, rendering, report._repr_html_()))
     assert stimlib.draw(SCENE)._repr_svg_() == stimlib.draw(SCENE).svg
 

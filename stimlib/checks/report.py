@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import math
 import os
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -78,6 +79,27 @@ class Report:
     def _what(self) -> str:
         e = self.evidence
         return f"{shown(e.source)}, {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data; a number that is not finite is None.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> scene, motion = stimlib.Scene({"y": 2 * stimlib.Input("x")}), {"x": np.ones(100)}
+        >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000)).to_dict()["checks"][0]
+        {'group': 'b', 'name': 'random cuts, other outputs added', 'passed': True, 'measured': 0.0, 'limit': 0.0, 'text': ...}
+        """
+        e = self.evidence
+
+        def row(c: Check) -> dict[str, Any]:
+            measured, limit = (v if math.isfinite(v) else None for v in (float(c.measured), float(c.limit)))
+            told = {"group": c.group, "name": c.name, "passed": bool(c.passed), "measured": measured, "limit": limit}
+            return told | {"text": c.text}
+
+        about = {"source": e.source, "fs": e.fs, "seconds": e.x.shape[1] / e.fs, "seed": e.seed, "scene_hash": e.scene.hash}
+        checks = [row(c) for c in self.checks]
+        return {"passed": self.passed, **about, "checks": checks, "numbers": list(e.numbers), "skipped": list(e.skipped)}
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.
