@@ -7,9 +7,12 @@ Scene(x [m] -> force [N])
 """
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 from .version import __version__ as __version__
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # silent, unless a program wants to hear it
 
 _HOME = {
     "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
