@@ -7,9 +7,12 @@ Scene(x [m] -> force [N])
 """
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 from .version import __version__ as __version__
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # silent, unless a program wants to hear it
 
 _HOME = {
     "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
@@ -23,6 +26,7 @@ _HOME = {
     "draw": "analysis.draw",
     "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
+    "MissingPackage": "errors",
 }  # fmt: skip
 _ROOMS = ("core", "design", "blocks", "scenes", "motion", "run", "files", "devices", "fitting", "analysis", "checks")
 
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
     from .errors import (
         BadValue,
         FaultError,
+        MissingPackage,
         RecordingError,
         SceneError,
         SceneFileError,

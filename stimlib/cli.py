@@ -6,12 +6,14 @@ import ast
 import errno
 import importlib.util
 import inspect
+import json
 import shlex
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from enum import StrEnum
 from functools import partial, wraps
 from pathlib import Path
@@ -23,23 +25,14 @@ from rich.console import Console
 from .core import regular
 from .core.scene import Scene, load
 from .errors import BadValue, FaultError, SceneError, SinkError, StimlibError, UnknownName, shown
+from .version import __version__
 
 app = typer.Typer(
-    help="Haptic stimuli composed from small pure blocks: render, play, look at and list them.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_show_locals=False,
 )
 errors = Console(stderr=True)
-
-SCENE = typer.Argument(
-    metavar="SCENE",
-    help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
-    "[bold]path.py:function[/] (your own code; it is run), or a saved "
-    "[bold]path.json[/] (data; nothing in it is run).",
-    show_default=False,
-)
 
 
 IMPORT = typer.Option(
@@ -54,6 +47,34 @@ def shipped() -> dict[str, Callable[..., Scene]]:
     from .scenes import SHIPPED
 
     return SHIPPED  # type: ignore[return-value]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"stimlib {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def main(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+):
+    """Haptic stimuli composed from small pure blocks: render, play, look at and list them."""
+
+
+def _begun(text: str) -> list[str]:
+    """The shipped scenes whose names begin so, for the shell's completion."""
+    return [name for name in shipped() if name.startswith(text)]
+
+
+SCENE = typer.Argument(
+    autocompletion=_begun,
+    metavar="SCENE",
+    help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
+    "[bold]path.py:function[/] (your own code; it is run), or a saved "
+    "[bold]path.json[/] (data; nothing in it is run).",
+    show_default=False,
+)
 
 
 def scene_of(text: str) -> Scene:
@@ -167,6 +188,28 @@ def _live(items: list[str]) -> dict[str, float]:
     return {name: _number(name, text) for name, text in _pairs(items, "--set").items()}
 
 
+def _print_json(data: Any) -> None:
+    """Data for programs, on stdout."""
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+def _facts(scene: Scene) -> dict[str, Any]:
+    """What a scene takes and gives, as plain data."""
+    return {
+        "inputs": {n: {"unit": str(b.dim)} for n, b in scene.inputs.items()},
+        "params": {n: {"value": b.value, "unit": str(b.dim)} for n, b in scene.params.items()},
+        "outputs": {n: {"unit": str(b.dim)} for n, b in scene.outputs.items()},
+        "hash": scene.hash,
+    }
+
+
+def _call(function: Callable[..., Any]) -> dict[str, Any]:
+    """What a function is for, and its arguments with their defaults; None where one must be given."""
+    known = inspect.signature(function).parameters.values()
+    defaults = {p.name: None if p.default is p.empty else p.default for p in known}
+    return {"what": (inspect.getdoc(function) or "").splitlines()[0], "arguments": defaults}
+
+
 def _say(what: str, text: Any) -> None:
     """One line on stderr, the text as it is."""
     errors.print(f"{what} ", end="")
@@ -193,6 +236,9 @@ def _friendly() -> Iterator[None]:
         errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
         _say("[bold red]unexpected error:[/]", f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it")
         raise typer.Exit(3) from None
+
+
+JSON = typer.Option("--json", help="Print JSON instead, for programs.")
 
 
 class Reports(StrEnum):
@@ -537,6 +583,7 @@ def play(
 @app.command()
 def devices(
     server: Annotated[str | None, typer.Option(help="Name of the JACK server; JACK's own default otherwise.")] = None,
+    json_: Annotated[bool, JSON] = False,
 ):
     """What a scene can be played on here, why not on the rest, and how to get it.
 
@@ -545,8 +592,10 @@ def devices(
     with _friendly():
         from .devices.available import devices as look
 
-        out = Console()
-        for d in look(server):
+        found, out = look(server), Console()
+        if json_:
+            return _print_json([asdict(d) for d in found])
+        for d in found:
             out.print(f"{'[green]ready[/]  ' if d.ready else '[yellow]missing[/]'}  [bold]{d.sink:9}[/]  ", end="")
             out.print(f"{d.what}: {d.how}", markup=False, highlight=False, soft_wrap=True)
 
@@ -634,6 +683,7 @@ def verify_(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
     import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
+    json_: Annotated[bool, JSON] = False,
 ):
     """Prove that a file, or a session's log, is what the scene and the motion say.  Exit status 1 when a check fails.
 
@@ -672,10 +722,14 @@ def verify_(
             expected = None if scene is None else scene_of(scene)
             motion = motions(expected or scene_told(wav), contact=_touching(scene or ""))[0] if given else None
             result = verify_file(wav, expected, motion)
-        Console(width=None if sys.stdout.isatty() else 130).print(result)
         if report is not None:
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
-            print(f"report: {report}")
+        if json_:
+            _print_json(result.to_dict())
+        else:
+            Console(width=None if sys.stdout.isatty() else 130).print(result)
+            if report is not None:
+                print(f"report: {report}")
     if not result.passed:
         raise typer.Exit(1)
 
@@ -770,6 +824,7 @@ def show(
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
     import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
+    json_: Annotated[bool, JSON] = False,
 ):
     """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
@@ -780,8 +835,12 @@ def show(
         from .run.processor import compile
 
         made = scene_of(scene)
-        print(shown(made))
-        print(shown(compile(made, fs, target="python").plan))
+        plan = compile(made, fs, target="python").plan
+        if json_:
+            _print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
+        else:
+            print(shown(made))
+            print(shown(plan))
         if draw is not None:
             from .analysis.draw import draw as draw_graph
 
@@ -791,11 +850,14 @@ def show(
 
 
 @app.command("list")
-def list_():
+def list_(json_: Annotated[bool, JSON] = False):
     """The shipped scenes, with their parameters, and the motions that render understands."""
     with _friendly():
         from .motion.generators import GENERATORS
 
+        if json_:
+            scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
+            return _print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
         out = Console()
         for name, make in shipped().items():
             made = make()
@@ -806,7 +868,3 @@ def list_():
             known = inspect.signature(generator).parameters.values()
             words = ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known)
             out.print(f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}", soft_wrap=True)
-
-
-if __name__ == "__main__":
-    app()

@@ -52,6 +52,10 @@ class FaultError(StimlibError, RuntimeError):
     """A processor stopped giving finite samples."""
 
 
+class MissingPackage(StimlibError, ImportError):
+    """Something needs a package that stimlib does not depend on; the message says how to install it."""
+
+
 class UnknownName(StimlibError, KeyError):
     """A name is missing, or is not one of those that exist."""
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -82,10 +83,23 @@ def test_processes_that_start_at_once_share_one_empty_folder(small, wanted, tmp_
     assert not list((tmp_path / "new").rglob("*.tmp"))
 
 
+def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
+    cache = shutil.copytree(wanted[1], tmp_path / "cache")
+    (lost,) = cache.glob("Mul_*")
+    shutil.rmtree(lost)
+    small.write_text(
+        "import logging; logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')" + SMALL
+    )
+    told = [line for line in run(small, cache)[1].splitlines() if line.startswith("stimlib.")]
+    assert [line for line in told if re.match("stimlib.targets.numba.cache DEBUG cache hit: runtime_", line)]
+    assert [line for line in told if re.match(rf"stimlib.targets.numba.cache INFO cache miss: {lost.name} compiled in \d", line)]
+    assert re.match(r"stimlib.run.processor DEBUG Processor\(x -> y, fs=1000, numba\): \d+ rows, ready in \d", told[-1])
+
+
 def test_a_second_process_compiles_nothing(small, wanted):
     y, cache = wanted
     before = {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()}
-    assert run(small, cache)[0] == y
+    assert run(small, cache) == (y, ""), "nor says a word where nobody listens to the log"
     assert {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()} == before
 
 

@@ -198,7 +198,7 @@ def test_every_command_ends_so():
 
 
 def test_a_reader_that_goes_away_is_no_defect(tmp_path):
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
         job.stdout.close()
         said = job.stderr.read()
     assert job.wait() == 1 and "defect" not in said and "Traceback" not in said
@@ -269,6 +269,51 @@ def test_list_names_scenes_and_motions():
     assert "squeeze" in done.output and "minimum_jerk(depth=0.02" in done.output
 
 
+def data_of(*words, code=0):
+    done = run.invoke(app, [*map(str, words), "--json"])
+    assert done.exit_code == code and done.stderr == "", done.output
+    return json.loads(done.stdout, parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
+
+
+def test_json_says_what_the_words_say(tmp_path):
+    listed = data_of("list")
+    assert listed["motions"]["minimum_jerk"]["arguments"]["depth"] == 0.02 and "squeeze" in listed["scenes"]
+    assert listed["scenes"]["squeeze"]["params"]["k"] == {"value": 2000.0, "unit": "N/m"}
+    shown = data_of("show", "squeeze", "--fs", "4000", "--save", tmp_path / "s.json")
+    plan = stimlib.compile(stimlib.load(tmp_path / "s.json"), 4000, "python").plan
+    assert shown["hash"] == listed["scenes"]["squeeze"]["hash"] and shown["fs"] == 4000 and shown["removed"] == plan.removed
+    assert [(row["number"], row["block"]) for row in shown["plan"]] == [row[:3:2] for row in plan.rows]
+    assert data_of("devices", "--server", "none_of_this_name")[0] == {
+        "sink": "null", "ready": True, "what": "no device, at the pace of the clock", "how": "--sink null"
+    }  # fmt: skip
+
+
+def test_json_of_a_verification(tmp_path):
+    out = tmp_path / "a.wav"
+    words = ["render", "squeeze(fingers=1)", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(out), "--quiet"]
+    assert run.invoke(app, words).exit_code == 0
+    sidecar = json.loads(out.with_suffix(".wav.json").read_text())
+    sidecar["channels"][0]["peak"] += 1
+    out.with_suffix(".wav.json").write_text(json.dumps(sidecar))
+    told = data_of("verify", "squeeze(fingers=1)", "--wav", out, code=1)
+    assert [c["name"] for c in told["checks"] if not c["passed"]] == ["sidecar: what it says"] and not told["passed"]
+    assert told["source"] == "a.wav" and told["seconds"] == 0.5 and len(told["checks"]) > 10
+    done = run.invoke(app, ["verify", "squeeze", "--wav", str(tmp_path / "b.wav"), "--json"])
+    assert done.exit_code == 2 and done.stdout == "" and "there is no file" in done.stderr
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "stimlib", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"stimlib {stimlib.__version__}\n"
+
+
+@pytest.mark.parametrize(("typed", "offered"), [("stimlib rend", "render render-set"), ("stimlib show sq", "squeeze")])
+def test_the_shell_completes_commands_and_scenes(typed, offered):
+    words = {"_STIMLIB_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    assert run.invoke(app, [], prog_name="stimlib", env=words).stdout.split() == offered.split()
+    assert "--install-completion" in run.invoke(app, ["--help"]).stdout
+
+
 def test_help_teaches():
     done = run.invoke(app, ["render", "--help"])
     assert done.exit_code == 0 and "minimum_jerk" in done.output
@@ -277,7 +322,7 @@ def test_help_teaches():
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
     out = tmp_path / "long.rf64"
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "100000", "--out", str(out)]
-    job = subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE, text=True)
+    job = subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE, text=True)
     part = tmp_path / "long.rf64.part"
     for _ in range(600):
         if part.exists() and part.stat().st_size > 1_000_000:
@@ -439,7 +484,7 @@ def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
 def test_a_render_that_was_killed_is_recovered(tmp_path):
     out = tmp_path / "long.wav"
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "10000", "--out", str(out)]
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stderr=subprocess.PIPE) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE) as job:
         part = tmp_path / "long.wav.part"
         for _ in range(600):
             if part.exists() and part.stat().st_size > 1_000_000:
@@ -592,7 +637,7 @@ def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
 
     log = tmp_path / "a.stimlog"
     words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]
-    with subprocess.Popen([sys.executable, "-m", "stimlib.cli", *words], stdout=-1, stderr=-1, text=True) as job:
+    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
         for _ in range(600):
             if (log / "motion.f64").exists() and (log / "motion.f64").stat().st_size > 4000 * 16:
                 break

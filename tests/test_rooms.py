@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 STIMLIB = Path(__file__).parents[1] / "stimlib"
-ORDER = "errors version core design blocks targets motion run scenes files devices fitting analysis checks cli".split()
+ORDER = "errors version core design blocks targets motion run scenes files devices fitting analysis checks cli __main__".split()
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
 
 
@@ -45,6 +45,23 @@ def test_imports_point_down(module):
             assert name == "__version__" or not f".{name}".startswith("._"), (
                 f"{module} takes {name}, which {target} keeps for itself"
             )
+
+
+UP = {  # what is taken from above by its name, each in one line; see docs/development.rst
+    "core.operators": {"stimlib.blocks.maps"},
+    "core.scene": {"stimlib.blocks", "stimlib.analysis.draw"},
+    "run.rendering": {"stimlib.analysis.picture", "stimlib.files.audio"},
+}
+
+
+def test_what_reaches_up_by_its_name_is_known():
+    named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
+    found = {}
+    for module in MODULES.keys() - {"__init__"}:
+        texts = {n.value for n in ast.walk(ast.parse(MODULES[module].read_text())) if isinstance(n, ast.Constant)}
+        if names := texts & named:
+            found[module] = names
+    assert found == UP
 
 
 def test_no_module_imports_itself_by_a_detour():

@@ -8,18 +8,20 @@ So no line runs across a block, and the curves need only the gaps between column
 from __future__ import annotations
 
 import dataclasses as dc
+import html
 import io
 import os
+from base64 import b64encode
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from ..core import regular
 from ..core.graph import Add, Const, Guard, Input, Mul, Param, signals
 from ..core.program import PARAMS, ROOT, Instance, Program, lower
-from ..errors import BadValue
+from ..errors import BadValue, shown
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
@@ -38,8 +40,25 @@ LIVE, SAMPLE = "#fff1c9", "#e3edf7"
 ENABLED = ("#d9ecd6", "#f3dcd7", "#e4dcf0", "#d3ebea", "#f1e3c6", "#e6e6d8")
 
 
-def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
-    """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file.
+@dc.dataclass(frozen=True)
+class Drawing:
+    """The picture of a graph; a notebook shows it."""
+
+    svg: str
+
+    def __repr__(self):
+        return f"Drawing({len(self.svg)} characters of SVG)"
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+
+@overload
+def draw(scene: Scene | Processor) -> Drawing: ...
+@overload
+def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
+def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
+    """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a notebook.
 
     The picture shows the program after rewriting: equal parts once, numbers folded, one shaded box per ``enabled``.  A
     number stands inside the block that uses it.  The unit of a signal stands where it leaves its block.  The bytes of the
@@ -48,8 +67,13 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     scene : Scene or Processor
-    path : path
+    path : path, optional
         The suffix says the format: .svg, .png or .pdf.
+
+    Returns
+    -------
+    Drawing or None
+        Without a path, the picture: a notebook shows it, and ``svg`` is its text.
 
     Raises
     ------
@@ -69,10 +93,12 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
     ...     draw(squeeze(), path)
     ...     path.read_text()[:5]
     '<?xml'
+    >>> draw(squeeze()).svg[:5]
+    '<?xml'
     """
-    path = Path(path)
-    if path.suffix.lower() not in FORMATS:
-        raise BadValue(f"draw: the suffix of {path.name!r} must be one of {', '.join(FORMATS)}")
+    suffix = ".svg" if path is None else Path(path).suffix.lower()
+    if path is not None and suffix not in FORMATS:
+        raise BadValue(f"draw: the suffix of {Path(path).name!r} must be one of {', '.join(FORMATS)}")
     if hasattr(scene, "program"):
         program = scene.program
     elif hasattr(scene, "outputs"):
@@ -85,8 +111,38 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None:
             f"draw: {blocks} blocks are more than a picture can show ({MOST}); "
             "read the plan instead: print(stimlib.compile(scene, fs).plan)"
         )
-    data = _render(_Picture(program), path.suffix.lower())
+    data = _render(_Picture(program), suffix)
+    if path is None:
+        return Drawing(data.decode())
     regular.publish(path, data)
+    return None
+
+
+def html_of(scene: Scene) -> str:
+    """What a notebook shows of a scene: its text, and its graph where a picture can show that.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    str
+        HTML without scripts.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.analysis.draw import html_of
+    >>> html_of(stimlib.Scene({"y": 2 * stimlib.Input("x", "m")}))[:46]
+    '<pre>Scene(x [m] -&gt; y [m])</pre><img alt="t'
+    """
+    text = f"<pre>{html.escape(shown(scene))}</pre>"
+    try:
+        svg = draw(scene).svg
+    except BadValue as e:  # too large
+        return f"{text}<p>{html.escape(str(e))}</p>"
+    return f'{text}<img alt="the graph" src="data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}">'
 
 
 # What is drawn -------------------------------------------------------------------------------------------------------

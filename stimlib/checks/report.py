@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import math
 import os
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -71,9 +72,34 @@ class Report:
             table.add_row(Text("-", "yellow"), Text("not checked"), "", "", Text(shown(text)))
         return table
 
+    def _repr_html_(self) -> str:
+        title = f"<h4>{html.escape(self._what())}: {'passed' if self.passed else 'FAILED'}</h4>"
+        return f"{title}{_table(self)}<p>Not checked</p>{_skipped(self)}"
+
     def _what(self) -> str:
         e = self.evidence
         return f"{shown(e.source)}, {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data; a number that is not finite is None.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> scene, motion = stimlib.Scene({"y": 2 * stimlib.Input("x")}), {"x": np.ones(100)}
+        >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000)).to_dict()["checks"][0]
+        {'group': 'b', 'name': 'random cuts, other outputs added', 'passed': True, 'measured': 0.0, 'limit': 0.0, 'text': ...}
+        """
+        e = self.evidence
+
+        def row(c: Check) -> dict[str, Any]:
+            measured, limit = (v if math.isfinite(v) else None for v in (float(c.measured), float(c.limit)))
+            told = {"group": c.group, "name": c.name, "passed": bool(c.passed), "measured": measured, "limit": limit}
+            return told | {"text": c.text}
+
+        about = {"source": e.source, "fs": e.fs, "seconds": e.x.shape[1] / e.fs, "seed": e.seed, "scene_hash": e.scene.hash}
+        checks = [row(c) for c in self.checks]
+        return {"passed": self.passed, **about, "checks": checks, "numbers": list(e.numbers), "skipped": list(e.skipped)}
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.
@@ -99,23 +125,31 @@ h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}code{back
 .small{color:#666;font-size:13px}"""
 
 
-def _page(r: Report, command: str | None) -> str:
-    e = r.evidence
+def _q(text: object) -> str:
+    return html.escape(shown(text))
 
-    def q(text: object) -> str:
-        return html.escape(shown(text))
 
-    verdict = '<span class="ok">passed</span>' if r.passed else '<span class="bad">FAILED</span>'
+def _table(r: Report) -> str:
     rows = []
     for group, title in GROUPS.items():
         here = [c for c in r.checks if c.group == group]
         if here:
-            rows.append(f'<tr><th colspan="5">({group}) {q(title)}</th></tr>')
+            rows.append(f'<tr><th colspan="5">({group}) {_q(title)}</th></tr>')
         for c in here:
             mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
             numbers = f'<td class="n">{c.measured:.3g}</td><td class="n">{c.limit:.3g}</td>'
-            rows.append(f"<tr>{mark}<td>{q(c.name)}</td>{numbers}<td>{q(c.text)}</td></tr>")
-    skipped = "".join(f"<li>{q(t)}</li>" for t in e.skipped) or "<li>nothing</li>"
+            rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
+    head = "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _skipped(r: Report) -> str:
+    return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in r.evidence.skipped) or "<li>nothing</li>") + "</ul>"
+
+
+def _page(r: Report, command: str | None) -> str:
+    e = r.evidence
+    verdict = '<span class="ok">passed</span>' if r.passed else '<span class="bad">FAILED</span>'
     facts = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "parameters": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
@@ -126,15 +160,15 @@ def _page(r: Report, command: str | None) -> str:
         **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
         "versions": ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "matplotlib")),
     }
-    table = "".join(f"<tr><th>{q(k)}</th><td>{q(v)}</td></tr>" for k, v in facts.items())
-    again = f"<p>Repeat it with <code>{q(command)}</code></p>" if command else ""
-    figures = "".join(f"<h2>{q(title)}</h2>{svg}" for title, svg in _figures(e))
+    table = "".join(f"<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>" for k, v in facts.items())
+    again = f"<p>Repeat it with <code>{_q(command)}</code></p>" if command else ""
+    figures = "".join(f"<h2>{_q(title)}</h2>{svg}" for title, svg in _figures(e))
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{q(r._what())}</title><style>{_STYLE}</style>'
-        f"<h1>{q(e.source)} {verdict}</h1><p>{q(r._what())}</p>{again}"
-        f"<table><tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>{''.join(rows)}</table>"
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(r._what())}</title><style>{_STYLE}</style>'
+        f"<h1>{_q(e.source)} {verdict}</h1><p>{_q(r._what())}</p>{again}"
+        f"{_table(r)}"
         f'<p class="small">Statistical checks are given as -log10 p against a joint false alarm of 1e-6: one correct '
-        f"rendering in a million fails by chance.</p><h2>Not checked</h2><ul>{skipped}</ul>{figures}"
+        f"rendering in a million fails by chance.</p><h2>Not checked</h2>{_skipped(r)}{figures}"
         f"<h2>What this is about</h2><table>{table}</table></html>\n"
     )
 

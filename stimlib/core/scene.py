@@ -65,6 +65,9 @@ class Scene:
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]
         return f"Scene({', '.join(names) or 'no input'} -> {', '.join(f'{n} [{b.dim}]' for n, b in self.outputs.items())})"
 
+    def _repr_html_(self) -> str:
+        return importlib.import_module("stimlib.analysis.draw").html_of(self)
+
     # File --------------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
         """The scene as plain JSON data: blocks by registered name, children before parents, arrays as lists."""

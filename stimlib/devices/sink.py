@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import gc
+import logging
 import math
 import os
 import signal
@@ -34,6 +35,7 @@ from ..version import __version__
 from .pump import Pump
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 
+logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
 """Seconds in which ``close`` returns, whatever the device does."""
 
@@ -341,6 +343,7 @@ class Sink:
             raise
         self._opened = True
         _open_sinks.add(self)
+        logger.info("%s: opened %r", self.device, self)
 
     def _warm_up(self) -> None:
         """Run everything once, so that nothing is compiled or loaded later; then back to sample 0."""
@@ -491,6 +494,7 @@ class Sink:
                     if self._worker.is_alive():
                         warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
             _open_sinks.discard(self)
+            logger.info("%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else "")
 
     def __enter__(self) -> Self:
         return self

@@ -29,7 +29,7 @@ from ..core.program import warn_beyond
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
 from ..motion.source import check_names, frames_of, sources_of
 from ..run.processor import Processor
-from ..run.rendering import fault_text, pull
+from ..run.rendering import Rendering, fault_text, pull
 from ..version import __version__
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
@@ -202,14 +202,88 @@ def write(
     >>> y.shape, sidecar["channels"][0]["unit"]
     ((1, 8000), 'N')
     """
-    path = Path(path)
+    if isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1:
+        raise BadValue(f"block must be a whole number of samples above 0, got {block!r}")
     frames = frames_of(seconds, proc.fs)
+
+    def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
+        return pull(proc, sources, frames, min(int(block), most))
+
+    return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
+
+
+def save(
+    path: str | os.PathLike[str],
+    rendering: Rendering,
+    *,
+    format: str | None = None,
+    subtype: str | None = None,
+    full_scale: float | Mapping[str, float] | None = None,
+    progress: bool | str = False,
+    overwrite: bool = True,
+) -> FileReport:
+    """Write the samples of a rendering as `write` would have written them; ``Rendering.save`` is this.
+
+    Parameters
+    ----------
+    path : path
+        Where to write; the sidecar is ``path`` + ".json".
+    rendering : Rendering
+    format, subtype, full_scale, progress, overwrite
+        As in `write`.
+
+    Returns
+    -------
+    FileReport
+
+    Raises
+    ------
+    BadValue, UnitError, SinkError
+        As `write`.
+    FaultError
+        An output of the rendering was not finite; no file is written.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib, tempfile
+    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> rendering = stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = save(folder + "/spring.wav", rendering, subtype="DOUBLE")
+    ...     read(folder + "/spring.wav")[0]
+    array([[ 0., 20.]])
+    """
+    path, y, frames = Path(path), rendering.y, rendering.y.shape[1]
+    if rendering.fault is not None:
+        raise FaultError(fault_text(*rendering.fault, rendering.fs, f"{path} was not written"))
+    proc = Processor(rendering.scene, rendering.fs, seed=rendering.seed)  # for what it says: it does not run
+    for name, value in rendering.params.items():
+        if value != proc.params[name]:
+            proc.set(name, value, ramp=0.0)
+
+    def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
+        return (y[:, at : at + most] for at in range(0, frames, most))
+
+    return _write(path, proc, rendering.motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
+
+
+def _write(
+    path: Path,
+    proc: Processor,
+    motion: Mapping[str, Any],
+    frames: int,
+    blocks: Callable[[dict[str, Any], int], Iterator[Array]],
+    format: str | None,
+    subtype: str | None,
+    full_scale: float | Mapping[str, float] | None,
+    progress: bool | str,
+    overwrite: bool,
+) -> FileReport:
+    """Check, and write what blocks(checked motion, most samples) gives."""
     format, subtype = _format(path, format, subtype)
     _check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
     scales = _full_scales(full_scale, proc, format)
-    if isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1:
-        raise BadValue(f"block must be a whole number of samples above 0, got {block!r}")
     if not (isinstance(progress, bool) or progress == "always"):
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
     _check_place(path, _sidecar(path), overwrite)
@@ -236,10 +310,10 @@ def write(
         "scene_hash": proc.scene.hash,
         "definitions": definitions.definitions(proc.scene),
     }
-    step = min(int(block), max(1, int(STEP * proc.fs)))
+    parts = blocks(sources, max(1, int(STEP * proc.fs)))
 
     def run(draft: Draft) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(draft, proc, sources, frames, subtype, scales, step, progress)
+        return _run(draft, proc, parts, frames, subtype, scales, progress)
 
     return _whole(path, info, run, overwrite)
 
@@ -641,11 +715,10 @@ def _full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor
 def _run(
     draft: Draft,
     proc: Processor,
-    sources: dict[str, Any],
+    blocks: Iterable[Array],
     frames: int,
     subtype: str,
     scales: Array,
-    block: int,
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
     """Write the samples beside their place; clips and peaks per output, and the hash of the signal."""
@@ -654,7 +727,7 @@ def _run(
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
     with _bar(frames, progress) as advance:
-        for y in pull(proc, sources, frames, block):
+        for y in blocks:
             if proc.fault is not None:
                 name, index = proc.fault
                 raise FaultError(fault_text(name, index - first, fs, f"{draft.path} was not written"))

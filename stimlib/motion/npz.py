@@ -115,11 +115,13 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
         return unpacked[name]
 
     for at in range(0, count, BATCH):
-        yield _Part(column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64))
+        yield ArrayBatch(column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64))
 
 
 @dataclass(frozen=True)
-class _Part:
+class ArrayBatch:
+    """Some rows of columns that are arrays of numbers or of texts."""
+
     column: Callable[[str], np.ndarray]
     part: slice
     rows: Rows

@@ -1,4 +1,4 @@
-"""Recorded motion: CSV and npz files with their own time stamps, as positions at any time.
+"""Recorded motion: CSV and npz files, and tables in memory, with their own time stamps, as positions at any time.
 
 Reports of touchpads, pens, load cells and encoders come at 10-1000 Hz with jitter, gaps, repeats and lifts. Holding them
 and taking differences at 8 kHz gives spikes a hundred times the true velocity, so each stretch in contact is joined by a
@@ -23,7 +23,7 @@ from .batch import Array
 from .cubics import cubics
 from .generators import MAX_SPEC, Motion, parse_motion
 from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
-from .table import TableFile, read_table
+from .table import Columns, TableFile, read_table
 
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
@@ -164,7 +164,7 @@ class Recording:
 
 
 def recording(
-    path: str | os.PathLike[str],
+    source: str | os.PathLike[str] | Columns,
     columns: Mapping[str, str],
     *,
     where: Mapping[str, Any] | None = None,
@@ -176,7 +176,7 @@ def recording(
     max_gap: float | None = None,
     sha256: str | None = None,
 ) -> Recording:
-    """Read a recorded motion.
+    """A recorded motion, of a file or of a table in memory.
 
     Between two reports in contact the position is a PCHIP cubic; before the first and after the last it is held. Off
     contact it is held where contact was lost, and before the first contact where contact will be made.
@@ -187,10 +187,11 @@ def recording(
 
     Parameters
     ----------
-    path : path
-        A ``.npz`` file holds one-dimensional arrays of equal length, by name; row numbers are their indices. Anything
-        else is read as CSV: UTF-8 text, commas, names in the first line; row numbers are line numbers. Where the names
-        are separated by semicolons so are the rows, and a comma in a number is its decimal point.
+    source : path, DataFrame or mapping of str to array
+        A ``.npz`` file holds one-dimensional arrays of equal length, by name; row numbers are their indices. Any other file
+        is read as CSV: UTF-8 text, commas, names in the first line; row numbers are line numbers. Where the names are
+        separated by semicolons so are the rows, and a comma in a number is its decimal point. A table in memory, of pandas
+        or any mapping of names to one-dimensional arrays, is taken like an npz file.
     columns : mapping of str to str
         Per input of the scene, a column in the input's unit, or a linear conversion of one: ``"force_N*5e-4"``,
         ``"(x_raw - 1472)*2e-5"``. Inputs may share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
@@ -214,7 +215,7 @@ def recording(
         period above 0.5 s is refused as time in another unit. Any max_gap not below the median period says that it is
         not.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, which must fit.
+        First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in memory, that of its names and values.
 
     Returns
     -------
@@ -223,7 +224,7 @@ def recording(
     Raises
     ------
     RecordingError
-        When the file cannot be used, or is larger than ``stimlib.limits`` allow; the message names file, row, column and
+        When the table cannot be used, or is larger than ``stimlib.limits`` allow; the message names file, row, column and
         remedy.
     BadValue
         When an argument is out of its range or cannot be understood.
@@ -247,9 +248,11 @@ def recording(
     [1.0, 1.0, 0.0, 0.0]
     >>> press.info["lifts"]
     [(5, 0.04)]
+    >>> print(recording({"t_s": [0.0, 0.01, 0.02], "x_mm": [0, 1, 3]}, {"x": "x_mm*1e-3"}))
+    dict in memory: 3 reports, 0.02 s, median 100 Hz
     """
     _check_options(columns, where, contact, reports, repeats, max_speed, max_gap)
-    table = read_table(path, sha256)
+    table = read_table(source, sha256)
     spec = _spec(table, columns, where, time, contact, reports, repeats, max_speed, max_gap)
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()

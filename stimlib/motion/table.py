@@ -1,4 +1,4 @@
-"""Tables of others, CSV or npz, read a batch of rows at a time: nothing is kept but what is asked for.
+"""Tables of others, CSV, npz or in memory, a batch of rows at a time: of a file nothing is kept but what is asked for.
 
 A table of millions of rows has most of them plain: as many fields as names, no quotes.  numpy's own reader takes those.
 From the first piece that is not plain, Python's csv reader goes on row by row; it is exact about what is wrong, and where.
@@ -9,9 +9,9 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ..core import regular
 from ..core.bounds import limits
 from ..errors import BadValue, RecordingError
 from .batch import Array, Batch, Rows, table_error
-from .npz import read_npz
+from .npz import ArrayBatch, read_npz
 
 EMPTY = "give a file with a line of column names and at least two rows"
 PIECE = 1 << 20  # bytes of text that are read at once
@@ -71,15 +71,23 @@ def number(text: str) -> float | None:
         return None
 
 
-def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> TableFile:
-    """The table in a CSV or npz file.
+class Columns(Protocol):
+    """A table in memory: names of columns, and each as an array; a DataFrame of pandas and a dict are such."""
+
+    def keys(self) -> Iterable[Any]: ...
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = None) -> TableFile:
+    """The table in a CSV or npz file, or in memory.
 
     Parameters
     ----------
-    path : path
-        A name that ends in .npz is read as npz, any other as CSV.
+    source : path or Columns
+        A name that ends in .npz is read as npz, any other as CSV; or arrays of equal length by name.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, which must fit.
+        First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and values, which must fit.
 
     Returns
     -------
@@ -101,9 +109,11 @@ def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table
     >>> [batch.numbers(["force_N"]).tolist() for batch in table.batches()]
     [[[1.0, 2.0]]]
     """
-    if not isinstance(path, str | os.PathLike):
-        raise BadValue(f"path must be the name of a file, got {path!r}")
-    file = os.fsdecode(path)
+    if not isinstance(source, str | os.PathLike):
+        if hasattr(source, "keys"):
+            return _in_memory(source, sha256)
+        raise BadValue(f"give the name of a file, a DataFrame or a dict of arrays, got {type(source).__name__} {source!r:.80}")
+    file = os.fsdecode(source)
     try:
         data = regular.read(file, "recording_bytes", RecordingError)
     except RecordingError as error:
@@ -120,6 +130,43 @@ def read_table(path: str | os.PathLike[str], sha256: str | None = None) -> Table
         names, most, batches = read_npz(file, data)
         return TableFile(file, digest, names, most, batches)
     return _read_csv(file, digest, data)
+
+
+def _in_memory(source: Columns, sha256: str | None) -> TableFile:
+    file, digest = f"{type(source).__name__} in memory", hashlib.sha256()
+    columns: dict[str, np.ndarray] = {}
+    for key in source.keys():
+        name = str(key)
+        if name in columns:
+            raise table_error(file, "two columns have this name", "rename one", None, name)
+        values = columns[name] = _column(file, name, source[key])
+        first = next(iter(columns))
+        if len(values) != len(columns[first]):
+            problem = f"{len(values)} values, but {first} has {len(columns[first])}"
+            raise table_error(file, problem, "give columns of equal length", None, name)
+        texts = values.dtype.kind == "U"
+        data = "\0".join(values.tolist()).encode("utf-8", "surrogatepass") if texts else values.astype("<f8").tobytes()
+        digest.update(repr((name, texts, len(values))).encode() + data)
+    if not columns:
+        raise table_error(file, "there are no columns", "give a column of times, and one for each input")
+    if sha256 is not None:
+        _check_digest(file, digest.hexdigest(), sha256)
+    most = len(values)
+    batch = ArrayBatch(columns.__getitem__, slice(None), np.arange(most, dtype=np.int64))
+    return TableFile(file, digest.hexdigest(), tuple(columns), most, lambda: iter([batch]))
+
+
+def _column(file: str, name: str, given: Any) -> np.ndarray:
+    """A column as numbers, or as texts where a cell is none."""
+    try:
+        values = np.asarray(given)
+    except ValueError:  # rows of several lengths
+        values = np.empty((0, 0))
+    if values.ndim != 1:
+        raise table_error(file, f"shape {values.shape}", "give one-dimensional columns", None, name)
+    if values.dtype.kind not in "biuf" or np.ma.is_masked(given):
+        return np.array([str(v) for v in given], dtype=str)
+    return values.astype(np.int8) if values.dtype.kind == "b" else values
 
 
 def _check_digest(file: str, digest: str, sha256: str) -> None:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import html
+import logging
 import math
 import threading
+import time
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
 from ..core.graph import kind, pack
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
-from ..errors import BadValue, SceneError, UnknownName
+from ..errors import BadValue, SceneError, UnknownName, shown
 
 if TYPE_CHECKING:
     from ..targets.jax.function import Function
 
+logger = logging.getLogger(__name__)
 TARGETS = ("numba", "python", "jax")
 LONGEST = 2**62
 """Samples of the longest run."""
@@ -99,6 +103,7 @@ class Processor:
     """
 
     def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
+        began = time.perf_counter()
         fs = rate(fs)
         if target == "jax":
             raise BadValue(
@@ -135,6 +140,7 @@ class Processor:
         self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
         self._lock = threading.RLock()
         self.reset(seed)
+        logger.debug("%r: %d rows, ready in %.3f s", self, len(blocks), time.perf_counter() - began)
 
     def __repr__(self):
         return f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)}, fs={self.fs:g}, {self.target})"
@@ -398,3 +404,6 @@ class Plan(NamedTuple):
             mark = "*" if r.autonomous else " "
             lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
         return "\n".join(lines + [f"removed: {t}" for t in self.removed])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(shown(self))}</pre>"

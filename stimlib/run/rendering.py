@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+import os
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..core.bounds import limits
 from ..core.program import warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, UnknownName
+from ..errors import BadValue, FaultError, MissingPackage, UnknownName
 from ..motion.source import Array, Motion, frames_of, positions, sources_of
 from .processor import Processor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FAULTS = ("warn", "raise", "ignore")
 
@@ -110,6 +116,137 @@ class Rendering:
         fault = "" if self.fault is None else ", FAULT: {} from sample {} on".format(*self.fault)
         return f"Rendering({', '.join(self.outputs)}: {self.y.shape[1] / self.fs:g} s at {self.fs:g} Hz{fault})"
 
+    # Looking at it, and taking it elsewhere --------------------------------------------------------------------------
+    def _repr_html_(self) -> str:
+        return importlib.import_module("stimlib.analysis.picture").html_of(self)
+
+    def plot(self) -> Figure:
+        """Inputs over time, outputs over time and their spectra.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Yours to change and to save.  A notebook shows it once pyplot was imported, and the rendering itself always.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
+        >>> fig = stimlib.render(scene, {"x": np.arange(100.0)}, fs=1000).plot()
+        >>> fig.axes[0].get_xlabel()
+        'time / s'
+        """
+        return importlib.import_module("stimlib.analysis.picture").figure(self)
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> Any:
+        """Write the samples into a sound file with a sidecar that re-creates it.
+
+        Parameters
+        ----------
+        path : path
+            .wav, .rf64, .w64, .caf or .flac; the sidecar is ``path`` + ".json".
+        **options
+            format, subtype, full_scale, progress and overwrite of ``stimlib.files.audio.write``.
+
+        Returns
+        -------
+        stimlib.files.audio.FileReport
+
+        Raises
+        ------
+        BadValue, UnitError, SinkError
+            As ``stimlib.files.audio.write``.
+        FaultError
+            An output was not finite; no file is written.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib, tempfile
+        >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     stimlib.render(scene, {"x": np.arange(100.0)}, fs=1000).save(folder + "/y.wav").peak
+        {'y': 198.0}
+        """
+        return importlib.import_module("stimlib.files.audio").save(path, self, **options)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each output."""
+        return {name: str(block.dim) for name, block in self.scene.outputs.items()}
+
+    def to_xarray(self) -> Any:
+        """The outputs as a Dataset over time, with their units; xarray must be installed.
+
+        Returns
+        -------
+        xarray.Dataset
+            A copy of each output, shape (n,), over ``time`` in s; attributes say the unit, fs in Hz, seed, parameters (as JSON)
+            and the scene's hash.
+
+        Raises
+        ------
+        MissingPackage
+            xarray is not installed.
+
+        Examples
+        --------
+        ``stimlib.render(scene, motion, fs=8000).to_xarray()["force"].sel(time=slice(0.1, 0.2)).plot()``
+        """
+        xarray = _package("xarray", "to_xarray")
+        outputs = {name: ("time", self[name].copy(), {"units": self.units[name]}) for name in self.outputs}
+        facts = {"fs": self.fs, "seed": str(self.seed), "params": json.dumps(self.params), "scene_hash": self.scene.hash}
+        return xarray.Dataset(outputs, {"time": ("time", self.t, {"units": "s"})}, facts)
+
+    def to_pandas(self) -> Any:
+        """The outputs as a DataFrame over time; pandas must be installed.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A copy: one column per output, in its unit, over the index ``time`` in s; ``attrs["units"]`` says the units.
+
+        Raises
+        ------
+        MissingPackage
+            pandas is not installed.
+
+        Examples
+        --------
+        ``stimlib.render(scene, motion, fs=8000).to_pandas().to_csv("force.csv")``
+        """
+        pandas = _package("pandas", "to_pandas")
+        columns = {name: self[name].copy() for name in self.outputs}
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="time"))
+        frame.attrs["units"] = self.units
+        return frame
+
+    def audio(self, output: str | None = None) -> Any:
+        """An output to listen to in a notebook, scaled so that its largest sample is full scale; IPython must be installed.
+
+        Parameters
+        ----------
+        output : str, optional
+            By default the first.
+
+        Returns
+        -------
+        IPython.display.Audio
+
+        Raises
+        ------
+        UnknownName
+            No such output.
+        MissingPackage
+            IPython is not installed.
+
+        Examples
+        --------
+        ``stimlib.render(scene, motion, fs=8000).audio("force")``
+        """
+        y = self[self.outputs[0] if output is None else output]
+        display = _package("IPython.display", "audio")
+        return display.Audio(y / (np.abs(y).max() or 1.0), rate=round(self.fs), normalize=False)
+
     def _tell(self, on_fault: str) -> None:
         if self.fault is None or on_fault == "ignore":
             return
@@ -117,6 +254,15 @@ class Rendering:
         if on_fault == "raise":
             raise FaultError(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _package(module: str, what: str) -> Any:
+    """A module of a package that stimlib does not depend on."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as e:
+        name = module.partition(".")[0].lower()
+        raise MissingPackage(f"{what} needs the package {name}, which cannot be imported ({e}): pip install {name}") from None
 
 
 def render(

@@ -38,6 +38,16 @@ def clocked(scene, full_scale=1.0, **options):
     return NullSink(scene, full_scale, realtime=False, **options)
 
 
+def test_the_log_tells_when_the_device_was_open(caplog):
+    caplog.set_level("INFO", "stimlib.devices")
+    with fast(steady()) as sink:
+        sink.open(FS)
+        sink.start(seconds=0.1)
+        sink.wait()
+    scene = "NullSink(Scene(level [1] -> y [1]), 8000 Hz, 1 channels, blocks of 64)"
+    assert caplog.messages == [f"null: opened {scene}", f"null: closed {scene}, {sink.report()}"]
+
+
 @pytest.mark.parametrize("fs", [1000, 8000, 48000])
 @pytest.mark.parametrize("block", [16, 32, 64])
 @pytest.mark.parametrize("channels", [2, 8, 24])

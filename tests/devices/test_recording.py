@@ -571,8 +571,82 @@ def test_places_that_cannot_be_read(tmp_path):
     for path, reason in ((tmp_path / "no.csv", "No such file"), (tmp_path, "directory"), ("a\0b", "null")):
         with pytest.raises(RecordingError, match=f"cannot be read .*{reason}.*; give the name"):
             recording(path, {"x": "x"})
-    with pytest.raises(BadValue, match="path must be the name of a file"):
+    with pytest.raises(BadValue, match="give the name of a file, a DataFrame or a dict of arrays, got int 3"):
         recording(3, {"x": "x"})
+
+
+# -- tables in memory
+
+
+class Frame:
+    """What a DataFrame of pandas has of a mapping: keys and columns, and neither a length of columns nor items."""
+
+    def __init__(self, **columns):
+        self.columns = columns
+
+    def keys(self):
+        return iter(self.columns)
+
+    def __getitem__(self, name):
+        return self.columns[name]
+
+
+def test_a_table_in_memory_is_what_its_file_is(csv):
+    columns = steady() | {"trial": ["a", "b"] * 25, "contact": np.arange(50) != 20}
+    path = csv(**columns | {"contact": columns["contact"].astype(int)})
+    for table in (columns, Frame(**columns), columns | {"x": columns["x"].astype(str).astype(object)}):
+        for where in ({}, {"trial": "a"}):
+            wanted, found = recording(path, {"x": "x*2"}, where=where), recording(table, {"x": "x*2"}, where=where)
+            t = times(wanted)
+            assert found.motion["x"](t).tobytes() == wanted.motion["x"](t).tobytes()
+            assert found.contact(t).tobytes() == wanted.contact(t).tobytes()
+            assert [(row + 2, at) for row, at in found.info["lifts"]] == wanted.info["lifts"]
+
+
+def test_a_table_in_memory_has_a_hash_and_keeps_no_hold_of_the_table():
+    columns = steady()
+    r = recording(columns, {"x": "x"})
+    assert repr(r).startswith("recording('dict in memory', {'x': 'x'}, sha256='") and str(r).startswith("dict in memory: 50 rep")
+    before = r.motion["x"](times(r))
+    assert recording(columns, {"x": "x"}, sha256=r.info["sha256"]).info["sha256"] == r.info["sha256"]
+    columns["x"][7] += 1e-6
+    assert np.array_equal(r.motion["x"](times(r)), before)
+    with pytest.raises(RecordingError, match="dict in memory: SHA-256 is .* not .*; find the file that was meant"):
+        recording(columns, {"x": "x"}, sha256=r.info["sha256"])
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"y": np.ones(3)}, "dict in memory, column y: 3 values, but t_s has 50; give columns of equal length"),
+        ({"y": np.ones((50, 2))}, r"column y: shape \(50, 2\); give one-dimensional columns"),
+        ({"y": 3.0}, r"column y: shape \(\); give one-dim"),
+        ({"y": [[1], [2, 3]] * 25}, "column y: shape .*; give one-dim"),
+        ({1: np.ones(50), "1": np.ones(50)}, "column 1: two columns have this name; rename one"),
+        ({"x": [0.1] * 49 + [None]}, "row 49, column x: 'None' is not a number; correct or remove the row"),
+        ({"x": np.ma.array([0.1] * 50, mask=[False] * 9 + [True] + [False] * 40)}, "row 9, column x: '--' is not a number"),
+        ({"x": [0.1] * 49 + [np.nan]}, "row 49, column x: nan is not finite"),
+        ({"x": np.ones(50) * 1j}, "row 0, column x: '1j' is not a number"),
+        ({"t_s": np.arange(50).astype("datetime64[s]")}, "row 0, column t_s: '1970-01-01T00:00:00' is not a number"),
+    ],
+)
+def test_a_table_in_memory_that_is_none(more, says):
+    with pytest.raises(RecordingError, match=says):
+        recording(steady() | more, {"x": "x"})
+    with pytest.raises(RecordingError, match="dict in memory: there are no columns"):
+        recording({}, {"x": "x"})
+
+
+def test_a_frame_of_pandas(csv):
+    pandas = pytest.importorskip("pandas")
+    path = csv(**steady() | {"trial": ["a", "b"] * 25})
+    frame = pandas.read_csv(path)
+    for table in (frame, frame.convert_dtypes(), frame.astype({"trial": "category"}), frame.set_index(frame.index * 3)):
+        wanted, found = recording(path, {"x": "x"}, where={"trial": "b"}), recording(table, {"x": "x"}, where={"trial": "b"})
+        assert found.motion["x"](times(wanted)).tobytes() == wanted.motion["x"](times(wanted)).tobytes()
+    twice = pandas.concat([frame, frame["x"]], axis=1)
+    with pytest.raises(RecordingError, match=r"DataFrame in memory, column x: "):
+        recording(twice, {"x": "x"})
 
 
 # -- npz

@@ -13,6 +13,7 @@ import errno
 import hashlib
 import inspect
 import json
+import logging
 import os
 import re
 import shutil
@@ -37,6 +38,7 @@ from ...core import maths, regular
 from ...errors import SinkError
 from . import native
 
+logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
 _lock = threading.RLock()
@@ -131,7 +133,10 @@ def load(text: str, stem: str) -> types.ModuleType:
 def _load(place: Path, text: str) -> types.ModuleType:
     if _sound(place, text):
         with suppress(Exception):  # numba lets whatever unpickling says through
-            return _execute(place, text)
+            module = _execute(place, text)
+            logger.debug("cache hit: %s in %s", place.name, place.parent)
+            return module
+    began = time.perf_counter()
     _remove(place)
     part = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
     try:
@@ -140,6 +145,7 @@ def _load(place: Path, text: str) -> types.ModuleType:
         _publish(part, place)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+    logger.info("cache miss: %s compiled in %.2f s, into %s", place.name, time.perf_counter() - began, place.parent)
     return module
 
 
