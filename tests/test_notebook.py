@@ -102,6 +102,23 @@ def test_what_is_not_installed_says_how_to_get_it(monkeypatch, r, package, take)
         getattr(r, take)()
 
 
+def test_what_they_are_given(monkeypatch, r):
+    """Where they are not installed the two tests below are skipped."""
+    frame = SimpleNamespace(attrs={})
+    pandas = SimpleNamespace(
+        Index=lambda t, name: (name, t), DataFrame=lambda y, index: frame.__dict__.update(y=y, index=index) or frame
+    )
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    monkeypatch.setitem(sys.modules, "xarray", SimpleNamespace(Dataset=lambda *given: given))
+    variables, coordinates, facts = r.to_xarray()
+    assert list(variables) == list(r.to_pandas().y) == ["force", "place"] and facts["params"] == '{"k": 300.0}'
+    assert variables["force"][::2] == ("time", {"units": "N"}) and frame.attrs == {"units": {"force": "N", "place": "m"}}
+    for found, wanted in ((variables["force"][1], r["force"]), (frame.y["force"], r["force"]), (frame.index[1], r.t)):
+        np.testing.assert_array_equal(found, wanted)
+        assert not np.shares_memory(found, r.y)
+    np.testing.assert_array_equal(coordinates["time"][1], r.t)
+
+
 def test_xarray_has_units_and_what_made_it(r):
     xarray = pytest.importorskip("xarray")
     data = r.to_xarray()
