@@ -276,9 +276,9 @@ def render_(
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
-    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --out squeeze.wav[/]
+    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
     """
-    with _friendly():
+    with _friendly(), _notes():
         from .files import audio as file
         from .run.processor import compile
         from .run.rendering import render
@@ -294,9 +294,6 @@ def render_(
         if not quiet:
             print(report)
             top = max(report.peak.values())
-            if full_scale is None and top > 1.0:
-                text = f"samples reach {top:.4g}, and players clip at 1: to listen, give --full-scale {1.01 * top:.3g}"
-                _say("[bold yellow]note:[/]", text)
             if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
                 share, steps = 100 * top / full_scale, full_scale / 2**23
                 text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
