@@ -271,7 +271,7 @@ def render_(
         float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
     ] = None,
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Also draw motion, outputs and spectrum of the first 10 s.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
