@@ -249,6 +249,37 @@ def _motions(
     return motions, seconds
 
 
+@app.command("demo")
+def demo_(
+    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path("stimlib-demo"),
+):
+    """Render three stimuli as files, pictures, proofs and copies for ears, and tell what to look at.  Start here.
+
+    Exit status 1 when a check fails.
+
+    [bold]stimlib demo[/]
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    with _friendly():
+        from .demo import demo
+
+        table = Table()
+        for column in ("file", "what it is", "what to look at, or listen for"):
+            table.add_column(column, overflow="fold")
+        passed = True
+        with errors.status("rendering, proving and drawing; the first time also compiling"):
+            for made in demo(folder):
+                for path, what, look in made.files:
+                    table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+                passed &= made.passed
+        Console(width=None if sys.stdout.isatty() else 130).print(table)
+        print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
+    if not passed:
+        raise typer.Exit(1)
+
+
 @app.command("render")
 def render_(
     scene: Annotated[str, SCENE],
@@ -271,7 +302,9 @@ def render_(
         float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
     ] = None,
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")
+    ] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.

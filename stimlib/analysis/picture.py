@@ -111,9 +111,9 @@ def heights(s: Signals) -> tuple[float, float]:
 
 def over_time(fig: Any, s: Signals) -> None:
     """A panel for each signal; inputs that are the same samples share one."""
-    panels = _alike(s)
-    axes = _grid(fig, len(panels), 1, heights(s)[0], hspace=0.15, sharex=True)[:, 0]
-    for ax, (name, y) in zip(axes, panels.items(), strict=True):
+    rows = _alike(s)
+    axes = panels(fig, len(rows), 1, heights(s)[0], hspace=0.15, sharex=True)[:, 0]
+    for ax, (name, y) in zip(axes, rows.items(), strict=True):
         curve(ax, np.arange(y.size) / s.fs, y)
         first = name.split(" = ")[0]
         _axes(ax, name, s.unit(first), most=10)
@@ -125,14 +125,14 @@ def over_time(fig: Any, s: Signals) -> None:
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
     """A row for each output: the vibration where it is largest, the course over position, the spectrum."""
     rows = list(islice(s.outputs, MOST))
-    grid = _grid(fig, len(rows), 3, heights(s)[1], hspace=0.65)
+    grid = panels(fig, len(rows), 3, heights(s)[1], hspace=0.65)
     for (left, middle, right), name in zip(grid, rows, strict=True):
         _vibration(left, s, name)
         _over_position(middle, s, name)
         against(right, spectra[name]) if name in spectra else _density(right, s, name)
 
 
-def _grid(fig: Any, rows: int, columns: int, height: float, hspace: float, **more: Any) -> Any:
+def panels(fig: Any, rows: int, columns: int, height: float, hspace: float, **more: Any) -> Any:
     """Panels with fixed margins, in inches above and below: a layout that measures all text takes ten times as long."""
     room = {
         "left": 0.09,
@@ -150,8 +150,8 @@ def _alike(s: Signals) -> dict[str, np.ndarray]:
     groups: dict[tuple[str, bytes], list[str]] = {}
     for name, y in s.inputs.items():
         groups.setdefault((s.unit(name), y.tobytes()), []).append(name)
-    panels = {" = ".join(names): s.inputs[names[0]] for names in groups.values()} | dict(s.outputs)
-    return dict(islice(panels.items(), MOST))
+    found = {" = ".join(names): s.inputs[names[0]] for names in groups.values()} | dict(s.outputs)
+    return dict(islice(found.items(), MOST))
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.picture import Against, Signals, close_by, curve, heights, over_time
+from ..analysis.picture import Against, Signals, close_by, curve, heights, over_time, panels
 from ..core import regular
 from ..errors import shown
 
@@ -173,10 +173,10 @@ def _figures(e: Evidence):
         dict(zip(e.scene.outputs, e.shown, strict=True)),
     )
     above, below = heights(s)
-    yield "Signals over time", _svg(lambda fig: over_time(fig, s), (12, above), None)
+    yield "Signals over time", _svg(lambda fig: over_time(fig, s), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
-        _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below), None),
+        _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below)),
     )
     if e.fingers:
         yield "Vibration, rate and gate (paper 000, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
@@ -184,12 +184,12 @@ def _figures(e: Evidence):
         yield "What the law is made of", _svg(lambda fig: _curves(fig, s, e), (12, 6))
 
 
-def _svg(draw, size, layout="constrained") -> str:
+def _svg(draw, size) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):
-        fig = Figure(figsize=size, layout=layout)
+        fig = Figure(figsize=size)
         draw(fig)
         out = io.StringIO()
         fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -199,7 +199,7 @@ def _svg(draw, size, layout="constrained") -> str:
 
 def _fingers(fig, e):
     """A column for each finger, on the same scales."""
-    axes = fig.subplots(3, len(e.fingers), sharex=True, sharey="row", squeeze=False)
+    axes = panels(fig, 3, len(e.fingers), 5.0, hspace=0.1, sharex=True, sharey="row")
     t = np.arange(e.x.shape[1]) / e.fs
     for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
         curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color="C1")
@@ -221,7 +221,7 @@ def _curves(fig, s, e):
         | {f"{n} / {s.unit(n)}": y for n, y in s.outputs.items()}
     )
     t = np.arange(e.x.shape[1])[e.closeup] / e.fs
-    for ax, (name, y) in zip(fig.subplots(len(rows), 1, sharex=True), rows.items(), strict=True):
+    for ax, (name, y) in zip(panels(fig, len(rows), 1, 6.0, hspace=0.15, sharex=True)[:, 0], rows.items(), strict=True):
         curve(ax, t, y[e.closeup])
         ax.set_ylabel(shown(name))
         ax.grid(alpha=0.3)
