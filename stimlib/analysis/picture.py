@@ -41,6 +41,15 @@ class Against(NamedTuple):
     """.. to there a correct rendering lies."""
 
 
+class Row(NamedTuple):
+    """A signal over time: the name beside its panel, its unit, samples, colour."""
+
+    name: str
+    unit: str
+    y: np.ndarray
+    color: str
+
+
 class Signals(NamedTuple):
     """What is drawn: the scene, its sample rate in Hz, and samples by name."""
 
@@ -49,9 +58,9 @@ class Signals(NamedTuple):
     inputs: Mapping[str, np.ndarray]
     outputs: Mapping[str, np.ndarray]
 
-    def unit(self, name: str) -> str:
-        """Of an input or output."""
-        return str((self.scene.inputs | dict(self.scene.outputs))[name].dim)
+    def unit(self, output: str) -> str:
+        """Of an output."""
+        return str(self.scene.outputs[output].dim)
 
     def position(self, output: str) -> str | None:
         """The input in m that an output follows, the first where there are several."""
@@ -94,7 +103,7 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     above, below = heights(s)
     fig: Any = Figure(figsize=(12, above + below))
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
-    over_time(top, s)
+    over_time(top, rows_of(s), s.fs, above)
     close_by(bottom, s, spectra or {})
     data = io.BytesIO()
     try:
@@ -106,20 +115,25 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
 
 def heights(s: Signals) -> tuple[float, float]:
     """Of ``over_time`` and ``close_by``, in inches."""
-    return 0.6 + 1.1 * len(_alike(s)), 3.0 * min(MOST, len(s.outputs))
+    return 0.6 + 1.1 * len(rows_of(s)), 3.0 * min(MOST, len(s.outputs))
 
 
-def over_time(fig: Any, s: Signals) -> None:
-    """A panel for each signal; inputs that are the same samples share one."""
-    rows = _alike(s)
-    axes = panels(fig, len(rows), 1, heights(s)[0], hspace=0.15, sharex=True)[:, 0]
-    for ax, (name, y) in zip(axes, rows.items(), strict=True):
-        curve(ax, np.arange(y.size) / s.fs, y)
-        first = name.split(" = ")[0]
-        _axes(ax, name, s.unit(first), most=10)
-        if first in s.outputs:
-            ax.lines[0].set_color("C1")
-    axes[-1].set(xlabel="time / s", xlim=(0, max(y.size - 1, 1) / s.fs))
+def rows_of(s: Signals) -> list[Row]:
+    """A row for each signal; inputs that are the same samples under one name."""
+    groups: dict[tuple[str, bytes], list[str]] = {}
+    for name, y in s.inputs.items():
+        groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
+    rows = [Row(" = ".join(names), unit, s.inputs[names[0]], "C0") for (unit, _), names in groups.items()]
+    return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
+
+
+def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 0) -> None:
+    """A panel for each row, of samples from ``start`` on, in a figure so many inches high."""
+    axes = panels(fig, len(rows), 1, height, hspace=0.15, sharex=True)[:, 0]
+    for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
+        curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
+        _axes(ax, name, unit, most=10)
+    axes[-1].set(xlabel="time / s", xlim=(start / fs, (start + max(y.size - 1, 1)) / fs))
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
@@ -143,15 +157,6 @@ def panels(fig: Any, rows: int, columns: int, height: float, hspace: float, **mo
         "wspace": 0.32,
     }
     return fig.subplots(rows, columns, squeeze=False, gridspec_kw=room, **more)
-
-
-def _alike(s: Signals) -> dict[str, np.ndarray]:
-    """Signals by the names that they are drawn under."""
-    groups: dict[tuple[str, bytes], list[str]] = {}
-    for name, y in s.inputs.items():
-        groups.setdefault((s.unit(name), y.tobytes()), []).append(name)
-    found = {" = ".join(names): s.inputs[names[0]] for names in groups.values()} | dict(s.outputs)
-    return dict(islice(found.items(), MOST))
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
@@ -216,7 +221,8 @@ def _density(ax: Any, s: Signals, name: str) -> None:
     from scipy.signal import welch
 
     y = s.outputs[name]
-    f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
+        f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
     ax.loglog(f[1:], np.maximum(S[1:], 1e-30), lw=0.9, color="C1")
     _spectral(ax, s.unit(name), f"spectrum of {name}")
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.picture import Against, Signals, close_by, curve, heights, over_time, panels
+from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, panels, rows_of
 from ..core import regular
 from ..errors import shown
 
@@ -173,7 +173,7 @@ def _figures(e: Evidence):
         dict(zip(e.scene.outputs, e.shown, strict=True)),
     )
     above, below = heights(s)
-    yield "Signals over time", _svg(lambda fig: over_time(fig, s), (12, above))
+    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs, above), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
         _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below)),
@@ -214,18 +214,10 @@ def _fingers(fig, e):
 
 
 def _curves(fig, s, e):
-    """The motion, what the law made of it, and what was delivered, where it is best seen."""
-    rows = (
-        {f"{n} / {s.unit(n)}": y for n, y in s.inputs.items()}
-        | e.curves
-        | {f"{n} / {s.unit(n)}": y for n, y in s.outputs.items()}
-    )
-    t = np.arange(e.x.shape[1])[e.closeup] / e.fs
-    for ax, (name, y) in zip(panels(fig, len(rows), 1, 6.0, hspace=0.15, sharex=True)[:, 0], rows.items(), strict=True):
-        curve(ax, t, y[e.closeup])
-        ax.set_ylabel(shown(name))
-        ax.grid(alpha=0.3)
-    ax.set(xlabel="time / s", xmargin=0)
+    """The motion, what was delivered, and what the law made of it, where it is best seen."""
+    rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
+    start = e.closeup.start or 0
+    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, 6.0, start)
 
 
 def _spectra(e: Evidence) -> dict[str, Against]:

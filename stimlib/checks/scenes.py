@@ -238,7 +238,7 @@ def _bumps(e: Evidence) -> list[Check]:
     u = rows["x"] * per_metre
     shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
     wave = laws.carrier_half(freq, e.fs)
-    e.curves |= {"envelope / 1": shape, "carrier / 1": wave}
+    e.curves |= {"envelope": shape, "carrier": wave}
     edges = np.flatnonzero(np.diff(np.floor(u))) + 1
     whole_bumps = ((a, b) for a, b in pairwise(edges) if np.ptp(u[a:b]) > 0.9)
     e.closeup = slice(*next(whole_bumps, (0, n)))

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.picture import Signals, close_by, over_time, picture
+from stimlib.analysis.picture import Signals, close_by, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -32,9 +32,14 @@ def labels(draw):
 
 def test_signals_share_a_panel_only_where_they_are_the_same():
     outputs = ["thumb", "index", "noise"]
-    assert labels(lambda fig: over_time(fig, signals(SAME))) == ["x = z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS, 5.0)) == ["x = z", "contact", *outputs]
     other = SAME | {"z": 0.02 * T}
-    assert labels(lambda fig: over_time(fig, signals(other))) == ["x", "z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS, 5.0)) == ["x", "z", "contact", *outputs]
+
+
+def test_an_output_with_the_name_of_an_input_hides_it_not():
+    s = Signals(stimlib.Scene({"x": K * X}), FS, {"x": T}, {"x": 1000 * T})
+    assert [(row.name, row.unit) for row in rows_of(s)] == [("x", "m"), ("x", "N")]
 
 
 def test_every_finger_is_drawn_over_its_own_position():
@@ -73,4 +78,20 @@ def test_the_law_of_bumps_is_shown_over_one_bump():
     scene, motion = stimlib.scenes.bumps(bumps=6, length=0.1), {"x": constant_speed(0.1, 0.1)}
     e = stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, seconds=1.0)).evidence
     assert np.ptp(e.x[0, e.closeup]) == pytest.approx(0.1 / 6, rel=0.01)
-    assert set(e.curves) == {"envelope / 1", "carrier / 1"}
+    assert set(e.curves) == {"envelope", "carrier"}
+
+
+@pytest.mark.parametrize(
+    ("scene", "motion"),
+    [
+        (stimlib.scenes.bumps(amplitude=0), {"x": constant_speed(0.1, 0.1)}),
+        (stimlib.Scene({"y": 1.0 / (stimlib.Input("x", "m") / stimlib.constant(1.0, "m") - 0.5)}), {"x": np.linspace(0, 1, 401)}),
+        (stimlib.Scene({"y": 1e300 * stimlib.Input("x", "m")}), {"x": np.linspace(0, 1, 400)}),
+    ],
+    ids=["silent", "fault", "huge"],
+)
+def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, scene, motion):
+    r = stimlib.render(scene, motion, FS, 0.2, on_fault="ignore")
+    report = stimlib.verify(scene, motion, r)
+    report.to_html(tmp_path / "a.html")
+    picture(r, tmp_path / "a.png", report.spectra())
