@@ -27,9 +27,7 @@ endef
 	$(call environment,.venv-lowest,$(LOWEST),requirements-lowest.txt)
 
 demo: .venv/ready
-	@mkdir -p demo
-	$(BIN)/stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 4.8 --fs 8000 --full-scale 50 --out demo/squeeze.wav --picture demo/squeeze.png
-	@echo "Listen to demo/squeeze.wav (force in N, full scale as its .json says) and look at demo/squeeze.png"
+	$(BIN)/stimlib demo demo
 
 lint: .venv/ready
 	$(BIN)/ruff check .

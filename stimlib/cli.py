@@ -369,6 +369,37 @@ def _motions(
     return motions, seconds
 
 
+@app.command("demo")
+def demo_(
+    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path("stimlib-demo"),
+):
+    """Render three stimuli as files, pictures, proofs and copies for ears, and tell what to look at.  Start here.
+
+    Exit status 1 when a check fails.
+
+    [bold]stimlib demo[/]
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    with _friendly():
+        from .demo import demo
+
+        table = Table()
+        for column in ("file", "what it is", "what to look at, or listen for"):
+            table.add_column(column, overflow="fold")
+        passed = True
+        with errors.status("rendering, proving and drawing; the first time also compiling"):
+            for made in demo(folder):
+                for path, what, look in made.files:
+                    table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+                passed &= made.passed
+        Console(width=None if sys.stdout.isatty() else 130).print(table)
+        print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
+    if not passed:
+        raise typer.Exit(1)
+
+
 @app.command("render")
 @sharing(motions=_motions)
 def render_(
@@ -385,15 +416,17 @@ def render_(
         float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
     ] = None,
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Also draw motion, outputs and spectrum of the first 10 s.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")
+    ] = None,
     quiet: Annotated[bool, typer.Option(help="No progress bar, no report.")] = False,
     import_: Annotated[list[str], IMPORT] = [],  # noqa: B006
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
-    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --out squeeze.wav[/]
+    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
     """
-    with _friendly():
+    with _friendly(), _notes():
         _import(import_)
         from .files import audio as file
         from .run.processor import compile
@@ -410,9 +443,6 @@ def render_(
         if not quiet:
             print(report)
             top = max(report.peak.values())
-            if full_scale is None and top > 1.0:
-                text = f"samples reach {top:.4g}, and players clip at 1: to listen, give --full-scale {1.01 * top:.3g}"
-                _say("[bold yellow]note:[/]", text)
             if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
                 share, steps = 100 * top / full_scale, full_scale / 2**23
                 text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"

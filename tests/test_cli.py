@@ -19,10 +19,12 @@ from devices.servers import Jackd, needs_jack
 from typer.testing import CliRunner
 
 import stimlib
+from stimlib import demo
+from stimlib.analysis.listen import vibration
 from stimlib.cli import app, scene_of
 from stimlib.core.graph import registry
 from stimlib.files import audio as file
-from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion.generators import minimum_jerk, parse_motion, sinusoid
 
 run = CliRunner()
 OWN = """
@@ -107,6 +109,8 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
 # What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
 FAILING = """
 import stimlib
+from stimlib import demo
+from stimlib.analysis.listen import vibration
 from stimlib import Input, Scene
 from math import sin
 
@@ -770,3 +774,33 @@ def test_play_and_loopback_on_a_server():
         assert done.exit_code == 1 and "nothing could be compared" in done.stdout, done.output
         done = run.invoke(app, ["loopback", *words, "--capture", "system:capture_1"])
         assert done.exit_code == 2 and "capture names 1 ports for 2 channels" in done.stderr
+
+
+# The demo ----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
+def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkeypatch, passed, status):
+    def made(folder, s):
+        return demo.Shown("squeeze", passed, [(folder / "[b]squeeze.wav", "a spring", "the force")])
+
+    monkeypatch.setattr(demo, "STIMULI", demo.STIMULI[:1])
+    monkeypatch.setattr(demo, "show", made)
+    monkeypatch.chdir(tmp_path)
+    done = run.invoke(app, ["demo", "new/folder"])
+    assert done.exit_code == status, done.output
+    assert "new/folder/[b]squeeze.wav" in done.stdout and "a spring" in done.stdout and (tmp_path / "new" / "folder").is_dir()
+
+
+def test_demo_refuses_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    done = run.invoke(app, ["demo", str(tmp_path / "file")])
+    assert done.exit_code == 2 and "cannot make the folder" in done.stderr and "name another" in done.stderr
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("s", demo.STIMULI, ids=lambda s: s.make.__name__)
+def test_demo_stays_within_full_scale_and_vibrates(s):
+    y = stimlib.render(s.make(), s.motion, demo.FS, demo.SECONDS)
+    assert 0.5 * s.full_scale < np.abs(y.y).max() <= s.full_scale
+    assert np.abs(vibration(y[s.output], demo.FS)).max() > 1e-3 * np.abs(y.y).max()
+    motion = {n: parse_motion(repr(m)) for n, m in s.motion.items()}  # as stimlib verify reads it from the sidecar
+    assert motion == s.motion

@@ -1,4 +1,7 @@
-"""A rendering at a glance: motion, outputs and their spectra."""
+"""A rendering at a glance: its signals over time, and of each output the vibration, the course over position, the spectrum.
+
+Nothing hides anything else: signals share a panel only where they are the same samples.
+"""
 
 from __future__ import annotations
 
@@ -7,70 +10,80 @@ import html
 import io
 import os
 from base64 import b64encode
+from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..core import regular
+from ..core.graph import Input, reach
+from ..core.scene import Scene
 from ..errors import SinkError, shown
 from ..run.rendering import Rendering
+from .listen import vibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-def figure(rendering: Rendering) -> Figure:
-    """Inputs over time, outputs over time and the outputs' power spectral densities; ``Rendering.plot`` is this.
-
-    Parameters
-    ----------
-    rendering : Rendering
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Yours to change; pyplot does not know it.
-
-    Examples
-    --------
-    >>> import stimlib
-    >>> from stimlib.analysis.picture import figure
-    >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
-    >>> fig = figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0))
-    >>> [ax.get_ylabel() for ax in fig.axes]
-    ['input / m', 'output / m', 'PSD / (m)²/Hz']
-    """
-    from matplotlib.figure import Figure
-    from scipy.signal import welch
-
-    scene, t = rendering.scene, rendering.t
-    inputs = {n: (m(t) if callable(m) else np.asarray(m)[: t.size]) for n, m in rendering.motion.items()}
-    fig = Figure(figsize=(9, 7.5 if inputs else 5), layout="constrained")
-    axes = iter(fig.subplots(3 if inputs else 2, 1))
-    if inputs:
-        _curves(next(axes), t, inputs, {n: str(b.dim) for n, b in scene.inputs.items()}, "input")
-    outputs = {n: rendering[n] for n in rendering.outputs}
-    units = {n: str(b.dim) for n, b in scene.outputs.items()}
-    _curves(next(axes), t, outputs, units, "output")
-    ax = next(axes)
-    for name, y in outputs.items():
-        f, S = welch(y, rendering.fs, nperseg=min(4096, y.size), detrend="linear")
-        ax.loglog(f[1:], np.maximum(S[1:], 1e-30), lw=0.9, label=name)
-    ax.set(xlabel="frequency / Hz", ylabel="PSD / " + ", ".join(f"({u})²/Hz" for u in sorted(set(units.values()))))
-    ax.grid(alpha=0.3, which="both")
-    ax.legend(loc="upper right")
-    return fig
+POINTS = 1500  # per curve: more cannot be seen
+MOST = 12  # rows: of a scene with more signals the first are drawn
+CLOSEUP = 0.06  # s
+SLOW = 20.0  # Hz: what is slower is no vibration
 
 
-def picture(rendering: Rendering, path: str | os.PathLike) -> None:
-    """Draw inputs over time, outputs over time and the outputs' power spectral densities.
+class Against(NamedTuple):
+    """A spectrum, and what a law says of it; arrays of shape (n,), PSD in the unit's square per Hz."""
+
+    title: str
+    unit: str
+    f: np.ndarray  # Hz
+    measured: np.ndarray
+    law: np.ndarray
+    low: np.ndarray
+    """From here ..."""
+    high: np.ndarray
+    """.. to there a correct rendering lies."""
+
+
+class Row(NamedTuple):
+    """A signal over time: the name beside its panel, its unit, samples, colour."""
+
+    name: str
+    unit: str
+    y: np.ndarray
+    color: str
+
+
+class Signals(NamedTuple):
+    """What is drawn: the scene, its sample rate in Hz, and samples by name."""
+
+    scene: Scene
+    fs: float
+    inputs: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
+
+    def unit(self, output: str) -> str:
+        """Of an output."""
+        return str(self.scene.outputs[output].dim)
+
+    def position(self, output: str) -> str | None:
+        """The input in m that an output follows, the first where there are several."""
+        found = {b.name for b in reach([self.scene.outputs[output]]) if isinstance(b, Input) and str(b.dim) == "m"}
+        return next((n for n in self.scene.inputs if n in found), None)
+
+
+def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None) -> None:
+    """Draw a rendering: each signal over time; of each output its vibration in close-up, its course over position, its spectrum.
 
     Parameters
     ----------
     rendering : Rendering
     path : str or Path
         PNG, SVG or PDF, by its suffix.
+    spectra : dict of str to Against, optional
+        By output: the spectrum that is drawn instead, with its law and band; ``stimlib.verify(..).spectra()`` has them.
 
     Raises
     ------
@@ -90,10 +103,45 @@ def picture(rendering: Rendering, path: str | os.PathLike) -> None:
     """
     data = io.BytesIO()
     try:
-        figure(rendering).savefig(data, dpi=110, format=Path(path).suffix[1:] or "png")
+        figure(rendering, spectra).savefig(data, dpi=110, format=Path(path).suffix[1:] or "png")
     except ValueError as e:
         raise SinkError(f"cannot write the picture {path}: {e}") from e
     regular.publish(path, data.getvalue())
+
+
+def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:
+    """The picture as a figure that is yours to change, which pyplot does not know; ``Rendering.plot`` is this.
+
+    Parameters
+    ----------
+    rendering : Rendering
+    spectra : dict of str to Against, optional
+        As for ``picture``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.analysis.picture import figure
+    >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
+    >>> figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0)).axes[0].get_ylabel()
+    'x'
+    """
+    from matplotlib.figure import Figure
+
+    n = rendering.y.shape[1]
+    t = rendering.t
+    inputs = {name: np.asarray(m(t) if callable(m) else m, np.float64)[:n] for name, m in rendering.motion.items()}
+    s = Signals(rendering.scene, rendering.fs, inputs, {name: rendering[name] for name in rendering.outputs})
+    above, below = heights(s)
+    fig: Any = Figure(figsize=(12, above + below))
+    top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
+    over_time(top, rows_of(s), s.fs, above)
+    close_by(bottom, s, spectra or {})
+    return fig
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
@@ -128,9 +176,138 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     )
 
 
-def _curves(ax, t, curves, units, what):
-    for name, y in curves.items():
-        ax.plot(t, y, lw=0.8, label=name)
-    ax.set(xlabel="time / s", ylabel=f"{what} / " + ", ".join(sorted(set(units.values()))), xlim=(0, t[-1] if t.size > 1 else 1))
+def heights(s: Signals) -> tuple[float, float]:
+    """Of ``over_time`` and ``close_by``, in inches."""
+    return 0.6 + 1.1 * len(rows_of(s)), 3.0 * min(MOST, len(s.outputs))
+
+
+def rows_of(s: Signals) -> list[Row]:
+    """A row for each signal; inputs that are the same samples under one name."""
+    groups: dict[tuple[str, bytes], list[str]] = {}
+    for name, y in s.inputs.items():
+        groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
+    rows = [Row(" = ".join(names), unit, s.inputs[names[0]], "C0") for (unit, _), names in groups.items()]
+    return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
+
+
+def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 0) -> None:
+    """A panel for each row, of samples from ``start`` on, in a figure so many inches high."""
+    axes = panels(fig, len(rows), 1, height, hspace=0.15, sharex=True)[:, 0]
+    for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
+        curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
+        _axes(ax, name, unit, most=10)
+    axes[-1].set(xlabel="time / s", xlim=(start / fs, (start + max(y.size - 1, 1)) / fs))
+
+
+def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
+    """A row for each output: the vibration where it is largest, the course over position, the spectrum."""
+    rows = list(islice(s.outputs, MOST))
+    grid = panels(fig, len(rows), 3, heights(s)[1], hspace=0.65)
+    for (left, middle, right), name in zip(grid, rows, strict=True):
+        _vibration(left, s, name)
+        _over_position(middle, s, name)
+        against(right, spectra[name]) if name in spectra else _density(right, s, name)
+
+
+def panels(fig: Any, rows: int, columns: int, height: float, hspace: float, **more: Any) -> Any:
+    """Panels with fixed margins, in inches above and below: a layout that measures all text takes ten times as long."""
+    room = {
+        "left": 0.09,
+        "right": 0.98,
+        "top": 1 - (0.55 if columns > 1 else 0.1) / height,
+        "bottom": 0.5 / height,
+        "hspace": hspace,
+        "wspace": 0.32,
+    }
+    return fig.subplots(rows, columns, squeeze=False, gridspec_kw=room, **more)
+
+
+def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
+    """A curve as its smallest and largest value in each of POINTS stretches: nothing that sticks out is lost."""
+    if y.size > 2 * POINTS:
+        step = -(-y.size // POINTS)
+        starts = np.arange(0, y.size, step)
+        low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+        y, t = np.ravel(np.column_stack([low, high])), np.repeat(t[starts], 2)
+    ax.plot(t, y, **({"lw": 0.7} | style))
+
+
+def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) -> None:
+    """Ticks with prefixes, as 20 mm or 5 mN; numbers without a unit as they are."""
+    from matplotlib.ticker import EngFormatter, MaxNLocator
+
+    for axis, u in ((ax.yaxis, unit), (ax.xaxis, "m" if position else "1")):
+        if u != "1":
+            axis.set_major_formatter(EngFormatter(unit=u))
+    ax.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+    ax.set_ylabel(shown(name))
     ax.grid(alpha=0.3)
-    ax.legend(loc="upper right")
+
+
+def _vibration(ax: Any, s: Signals, name: str) -> None:
+    y = s.outputs[name]
+    fast = vibration(y, s.fs, SLOW) if s.fs > 2 * SLOW else y
+    half = max(1, round(CLOSEUP * s.fs / 2))
+    at = min(max(int(np.abs(fast).argmax()), half), max(half, y.size - half))
+    part = slice(max(0, at - half), at + half)
+    curve(ax, np.arange(y.size)[part] / s.fs, fast[part], color="C1")
+    _axes(ax, f"{name}, above {SLOW:g} Hz", s.unit(name))
+    ax.set(xlabel="time / s", title="vibration, where it is largest", xmargin=0)
+
+
+def _over_position(ax: Any, s: Signals, name: str) -> None:
+    source = s.position(name)
+    if source is None:
+        ax.set_axis_off()
+        return
+    x, y = s.inputs[source], s.outputs[name]
+    back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
+    inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
+    some = slice(None, None, -(-x.size // 6000))  # equally spaced: the way there and back are seen, not each sample
+    for mask, label, style in (
+        (~inward, "back, or held", {"lw": 3, "color": "0.75"}),
+        (inward, "forwards", {"lw": 0.8, "color": "C3"}),
+    ):
+        ax.plot(x[some], np.where(mask, y, np.nan)[some], **style, label=label)  # the wider one below shows on both sides
+    _axes(ax, name, s.unit(name), position=True)
+    ax.set(xlabel=shown(source), title=f"over position, {source}")
+    _legend(ax)
+
+
+def _legend(ax: Any) -> None:
+    """Between panel and title: it hides nothing."""
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 0.98), ncols=3, frameon=False, fontsize="small", columnspacing=1)
+    ax.set_title(ax.get_title(), pad=20)
+
+
+def _density(ax: Any, s: Signals, name: str) -> None:
+    from scipy.signal import welch
+
+    y = s.outputs[name]
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
+        f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
+    ax.loglog(f[1:], np.maximum(S[1:], 1e-30), lw=0.9, color="C1")
+    _spectral(ax, s.unit(name), f"spectrum of {name}")
+
+
+def against(ax: Any, a: Against) -> None:
+    """A spectrum, the law's, and the band between which a correct rendering lies."""
+    bands = a.f.size < 100
+    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct")
+    ax.loglog(
+        a.f,
+        a.measured,
+        **({"ls": "", "marker": "o", "ms": 3} if bands else {"lw": 3, "alpha": 0.4}),
+        color="C0",
+        label="rendered",
+    )
+    ax.loglog(a.f, a.law, "--", color="C3", lw=0.8, label="law")  # thin, on the wide one
+    _spectral(ax, a.unit, a.title)
+    ax.set_ylim(bottom=max(1e-30, 1e-12 * a.law.max(), 0.3 * min(a.low.min(), a.measured.min())))
+    _legend(ax)
+
+
+def _spectral(ax: Any, unit: str, title: str) -> None:
+    square = "1" if unit == "1" else f"{unit}²" if unit.isalpha() else f"({unit})²"
+    ax.set(xlabel="frequency / Hz", ylabel=f"PSD / {square}/Hz", title=shown(title))
+    ax.grid(alpha=0.3)

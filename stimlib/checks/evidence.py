@@ -82,6 +82,9 @@ class Evidence:
     whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate
     fingers: dict[str, laws.Finger] = field(default_factory=dict)
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
+    closeup: slice = field(default_factory=lambda: slice(None))  # the samples in which these are best seen
+    wanted: dict[str, Callable[[], tuple[np.ndarray, float]]] = field(default_factory=dict)
+    """By output, what a law gives for every sample, and how far from it a correct rendering may be."""
     numbers: list[str] = field(default_factory=list)  # that stand in the graph alone, as the law reads them
     skipped: list[str] = field(default_factory=list)
     changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp

@@ -142,6 +142,25 @@ def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: 
     return sums[:, 0], sums[:, 1]
 
 
+def springpot_convolution(y: np.ndarray, fs: float, scheme: str, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same two sums at every sample, by Fourier transforms in double precision: to some 1e-14 of the largest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.laws import springpot_convolution, springpot_sum
+    >>> y = np.sin(np.arange(100) / 10)
+    >>> force, _ = springpot_sum(y, 1000.0, "gl", np.full(100, 0.5), np.arange(100))
+    >>> bool(abs(springpot_convolution(y, 1000.0, "gl", 0.5)[0] - force).max() < 1e-13 * abs(force).max())
+    True
+    """
+    from scipy.signal import fftconvolve
+
+    v = springpot_weights(scheme, alpha, y.size).astype(float) * fs**alpha
+    d = np.diff(y, prepend=y[0])
+    return fftconvolve(v, d)[: y.size], fftconvolve(np.abs(v), np.abs(d))[: y.size]
+
+
 # Bumps -------------------------------------------------------------------------------------------------------------------
 def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
     """Integral of the envelope from 0 to w, 0 <= w <= 1."""

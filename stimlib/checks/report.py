@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, panels, rows_of
 from ..core import regular
 from ..errors import shown
 
 if TYPE_CHECKING:
-    from .evidence import Check, Evidence
+    from .evidence import Check, Evidence, Tap
 
 GROUPS = {
     "a1": "compiled impulse responses",
@@ -26,7 +27,6 @@ GROUPS = {
     "d": "force law",
     "e": "limits and gates",
 }
-POINTS = 1500  # per curve: more cannot be seen
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,6 +43,27 @@ class Report:
     def passed(self) -> bool:
         """Whether every check held."""
         return all(c.passed for c in self.checks)
+
+    def spectra(self) -> dict[str, Against]:
+        """Spectra of the outputs whose law is known, with it and the band around it: for ``stimlib.analysis.picture``.
+
+        Returns
+        -------
+        dict of str to Against
+            By output.  Of a squeeze the noise before gate and rate, in third octaves; else of the output and of its law, and how
+            far apart the limits of the check let them be.
+
+        Examples
+        --------
+        >>> import stimlib
+        >>> from stimlib.motion.generators import constant_speed
+        >>> scene, motion = stimlib.scenes.bumps(), {"x": constant_speed(0.02, 0.1)}
+        >>> spectra = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)).spectra()
+        >>> a = spectra["voltage"]
+        >>> bool((a.low <= a.measured).all() and (a.measured <= a.high).all())
+        True
+        """
+        return _spectra(self.evidence)
 
     def __repr__(self):
         bad = [c.name for c in self.checks if not c.passed]
@@ -179,26 +200,30 @@ def _spec(m: Any) -> str:
 
 # Figures -----------------------------------------------------------------------------------------------------------------
 def _figures(e: Evidence):
-    t = np.arange(e.x.shape[1]) / e.fs
-    inputs = {f"{n} / {b.dim}": e.x[e.proc.inputs.index(n)] for n, b in e.scene.inputs.items()}
-    outputs = {f"{n} / {b.dim}": e.shown[k] for k, (n, b) in enumerate(e.scene.outputs.items())}
-    yield "Signals over time", _svg(lambda fig: _times(fig, t, inputs, outputs, e))
+    s = Signals(
+        e.scene,
+        e.fs,
+        {n: e.x[e.proc.inputs.index(n)] for n in e.scene.inputs},
+        dict(zip(e.scene.outputs, e.shown, strict=True)),
+    )
+    above, below = heights(s)
+    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs, above), (12, above))
+    yield (
+        "Each output close by: vibration, over position, spectrum",
+        _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below)),
+    )
     if e.fingers:
-        yield "Force over position (paper 000, figure 4)", _svg(lambda fig: _loops(fig, e), (9, 3.6))
-        yield "Vibration, rate and gate", _svg(lambda fig: _vibration(fig, t, e))
+        yield "Vibration, rate and gate (paper 000, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
     if e.curves:
-        yield "What the law is made of", _svg(lambda fig: _times(fig, t, e.curves, {}, e))
-        yield "Spectrum of the outputs", _svg(lambda fig: _densities(fig, e), (9, 3.6))
-    if any(tap.spectrum for tap in e.taps):
-        yield "Noise before gate and rate, against the model", _svg(lambda fig: _spectra(fig, e), (9, 3.8))
+        yield "What the law is made of", _svg(lambda fig: _curves(fig, s, e), (12, 6))
 
 
-def _svg(draw, size=(9, 4.6)) -> str:
+def _svg(draw, size) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):
-        fig = Figure(figsize=size, layout="constrained")
+        fig = Figure(figsize=size)
         draw(fig)
         out = io.StringIO()
         fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -206,82 +231,58 @@ def _svg(draw, size=(9, 4.6)) -> str:
     return text[text.index("<svg") :]
 
 
-def _curve(ax, t, y, **style):
-    """A curve as its smallest and largest value in each of POINTS stretches: nothing that sticks out is lost."""
-    if y.size > 2 * POINTS:
-        step = -(-y.size // POINTS)
-        starts = np.arange(0, y.size, step)
-        low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-        y, t = np.ravel(np.column_stack([low, high])), np.repeat(t[starts], 2)
-    ax.plot(t, y, **({"lw": 0.7} | style))
-
-
-def _times(fig, t, inputs, outputs, e):
-    both = [curves for curves in (inputs, outputs) if curves]
-    axes = fig.subplots(len(both), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, curves in zip(axes, both, strict=True):
-        for name, y in curves.items():
-            _curve(ax, t, y, label=name)
-        ax.legend(loc="upper right")
+def _fingers(fig, e):
+    """A column for each finger, on the same scales."""
+    axes = panels(fig, 3, len(e.fingers), 5.0, hspace=0.1, sharex=True, sharey="row")
+    t = np.arange(e.x.shape[1]) / e.fs
+    for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
+        curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color="C1")
+        curve(middle, t, finger.v)
+        curve(bottom, t, finger.gate.astype(float), color="C2")
+        top.set_title(name)
+        bottom.set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
+    for ax, label in zip(axes[:, 0], ("force - k x / N", "rate / (m/s)", "gate"), strict=True):
+        ax.set_ylabel(label)
+    for ax in axes.flat:
         ax.grid(alpha=0.3)
-    axes[-1].set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
 
 
-def _densities(fig, e):
+def _curves(fig, s, e):
+    """The motion, what was delivered, and what the law made of it, where it is best seen."""
+    rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
+    start = e.closeup.start or 0
+    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, 6.0, start)
+
+
+def _spectra(e: Evidence) -> dict[str, Against]:
     from scipy.signal import welch
 
-    ax = fig.subplots()
-    for name, y in zip(e.scene.outputs, e.y, strict=True):
-        f, S = welch(y, e.fs, nperseg=min(8192, y.size))
-        ax.semilogy(f[1:], np.maximum(S[1:], 1e-30), lw=0.7, label=name)
-    ax.set(xlabel="frequency / Hz", ylabel="PSD / unit²/Hz", xlim=(0, min(1000, e.fs / 2)))
-    ax.grid(alpha=0.3)
-    ax.legend()
+    found = {}
+    for tap in e.taps:
+        if tap.spectrum and tap.model:
+            found[tap.output] = _of_noise(tap)
+    for name, law in e.wanted.items():
+        want, apart = law()
+        y = e.y[list(e.scene.outputs).index(name)]
+        size = min(8192, y.size)
+        f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
+        # a difference of so much at every sample, all of it at one frequency, under the same Hann window
+        most = np.sqrt(2 * apart**2 * size / 1.5 / e.fs)
+        low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
+        unit = str(e.scene.outputs[name].dim)
+        found[name] = Against(f"spectrum of {name}, and of its law", unit, *(a[1:] for a in (f, measured, model, low, high)))
+    return found
 
 
-def _loops(fig, e):
-    axes = fig.subplots(1, len(e.fingers), squeeze=False)[0]
-    for ax, (name, finger) in zip(axes, e.fingers.items(), strict=True):
-        i = list(e.scene.outputs).index(name)
-        x = e.x[e.proc.inputs.index(name.replace("force", "x"))]
-        some = min(x.size, round(4 * e.fs))  # a few squeezes: more would only lie on top of each other
-        pick = slice(0, some, max(1, some // 6000))
-        loading = finger.gate[pick]
-        y = e.shown[i][pick]
-        ax.plot(1e3 * x[pick][~loading], y[~loading], ".", ms=1, color="0.6", label="held or unloading")
-        ax.plot(1e3 * x[pick][loading], y[loading], ".", ms=1, color="C3", label="loading")
-        ax.set(xlabel="position / mm", ylabel=f"{name} / N")
-        ax.grid(alpha=0.3)
-        ax.legend(loc="upper left", markerscale=6)
-
-
-def _vibration(fig, t, e):
-    top, middle, bottom = fig.subplots(3, 1, sharex=True)
-    for k, (name, finger) in enumerate(e.fingers.items()):
-        _curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, label=f"{name} - k x / N")
-        _curve(middle, t, finger.v, label=f"rate of {name} / (m/s)")
-        _curve(bottom, t, finger.gate + 1.2 * k, label=f"gate of {name}")
-    for ax in (top, middle, bottom):
-        ax.grid(alpha=0.3)
-        ax.legend(loc="upper right")
-    bottom.set(xlabel="time / s", yticks=[])
-
-
-def _spectra(fig, e):
+def _of_noise(tap: Tap) -> Against:
+    """Third octaves of a gated noise."""
     from scipy import stats
 
-    shown = [tap for tap in e.taps if tap.spectrum]
-    for ax, tap in zip(fig.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-        s = tap.spectrum
-        f = np.geomspace(tap.f_low, tap.f_high, 300)
-        ax.loglog(f, tap.model(f), "k", lw=0.8, label="model")
-        centre = np.array([np.sqrt(b.f_low * b.f_high) for b in s.bands])
-        bins = np.array([b.bins for b in s.bands])
-        level = tap.model(centre)
-        p = 1e-6 / (len(s.bands) + 1) / 2
-        low, high = stats.gamma.ppf(p, bins) / bins, stats.gamma.isf(p, bins) / bins
-        ax.fill_between(centre, level * low, level * high, alpha=0.2, label="where a correct rendering lies")
-        ax.loglog(centre, level * np.array([b.ratio for b in s.bands]), "C3o", ms=3, label="third octaves")
-        ax.set(xlabel="frequency / Hz", ylabel="PSD / (1/s)²/Hz", title=f"{tap.output}: {s.seconds:.3g} s enabled")
-        ax.grid(alpha=0.3, which="both")
-        ax.legend(loc="lower right")
+    s: Any = tap.spectrum
+    model: Any = tap.model
+    centre = np.array([np.sqrt(b.f_low * b.f_high) for b in s.bands])
+    bins, level = np.array([b.bins for b in s.bands]), model(centre)
+    p = 1e-6 / (len(s.bands) + 1) / 2
+    low, high = stats.gamma.ppf(p, bins) / bins, stats.gamma.isf(p, bins) / bins
+    title = f"noise in {tap.output} before gate and rate"
+    return Against(title, "1/s", centre, level * np.array([b.ratio for b in s.bands]), level, level * low, level * high)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,16 @@ def _viscoelastic(e: Evidence) -> list[Check]:
         g = gain[a:b][at]
         bound = np.abs(g) * (spring.tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(g) * np.abs(force)
         worst = max(worst, float(np.max(np.abs(e.y[0, a:b][at] - g * force) / np.maximum(bound, 1e-300))))
+    if np.ptp(alpha) == 0:
+
+        def everywhere() -> tuple[np.ndarray, float]:
+            want, bounds = np.zeros(n), [0.0]
+            for a, b in zip(starts, stops, strict=True):
+                want[a:b], size = laws.springpot_convolution(y[a:b], e.fs, spring.scheme, float(alpha[0]))
+                bounds.append(float(np.max(np.abs(gain[a:b]) * (spring.tol + 1e-13) * size.max())))
+            return gain * want, max(bounds)
+
+        e.wanted["force"] = everywhere
     text = f"tol = {spring.tol:g}, alpha = {alpha.min():g} .. {alpha.max():g}, {spring.scheme}: error over its certificate"
     lost = float(np.abs(e.y[0, ~touching]).max(initial=0.0))
     return [
@@ -230,6 +241,9 @@ def _bumps(e: Evidence) -> list[Check]:
     shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
     wave = laws.carrier_half(freq, e.fs)
     e.curves |= {"envelope": shape, "carrier": wave}
+    edges = np.flatnonzero(np.diff(np.floor(u))) + 1
+    whole_bumps = ((a, b) for a, b in pairwise(edges) if np.ptp(u[a:b]) > 0.9)
+    e.closeup = slice(*next(whole_bumps, (0, n)))
     want, highest = gain * A * shape * wave, gain * np.abs(A)
     e.numbers.append(f"amplifier {gain:g}, wavelength {1000 / per_metre:.4g} mm, {envelope.waveform}")
     table: Any = next((b for b in blocks if isinstance(b, (Lut, Polynomial))), None)
@@ -246,6 +260,7 @@ def _bumps(e: Evidence) -> list[Check]:
         e.numbers.append(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
         want = np.clip(want, -limit, limit)
     top = float(highest.max()) or 1.0
+    e.wanted["voltage"] = lambda: (want, 1e-6 * top)
     error = float(np.abs(e.y[0] - want).max() / top)
     checks = [Check("d", "voltage: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
     checks.append(Check("e", "voltage: none off contact", float(np.abs(e.y[0, contact <= 0]).max(initial=0.0)), 0.0, "V"))

@@ -92,7 +92,7 @@ def _lawful(e: Evidence, log: SessionLog) -> tuple[Evidence, int]:
     e.skipped.append(f"law of the scene: held against the samples before {cut} only {why}")
     taps = [dc.replace(t, gated=t.gated[:cut], gate=t.gate[:cut]) for t in e.taps]
     x, y, shown = (np.ascontiguousarray(a[:, :cut]) for a in (e.x, e.y, e.shown))
-    return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}), cut
+    return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}, wanted={}), cut
 
 
 def _unguarded(e: Evidence, log: SessionLog) -> np.ndarray:

@@ -13,6 +13,7 @@ import json
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -189,13 +190,18 @@ def write(
     FaultError
         The processor reports a fault; no file is written.
 
+    Warns
+    -----
+    RuntimeWarning
+        Samples pass full scale: a float format keeps them, and players and most sound cards clip them; FLAC has clipped them.
+
     Examples
     --------
     >>> import stimlib, tempfile
     >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
     >>> spring = stimlib.compile(scene, fs=8000)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     report = write(folder + "/spring.wav", spring, {"x": lambda t: 0.02 * t}, seconds=1.0)
+    ...     report = write(folder + "/spring.wav", spring, {"x": lambda t: 0.02 * t}, seconds=1.0, full_scale=50.0)
     ...     y, sidecar = read(folder + "/spring.wav")
     >>> report.frames, round(report.peak["force"], 3)
     (8000, 39.995)
@@ -315,7 +321,25 @@ def _write(
     def run(draft: Draft) -> tuple[NDArray[np.int64], Array, str]:
         return _run(draft, proc, parts, frames, subtype, scales, progress)
 
-    return _whole(path, info, run, overwrite)
+    report = _whole(path, info, run, overwrite)
+    if beyond := _beyond(report, info):
+        warnings.warn(beyond, RuntimeWarning, stacklevel=2)
+    return report
+
+
+def _beyond(report: FileReport, info: dict[str, Any]) -> str:
+    """Which outputs pass full scale, what becomes of them, and the remedy; empty where none does."""
+    peaks = {c["name"]: report.peak[c["name"]] for c in info["channels"]}
+    passed = [c for c in info["channels"] if peaks[c["name"]] > c["full_scale"]]
+    if not passed:
+        return ""
+    told = ", ".join(f"{c['name']} reaches {peaks[c['name']]:.4g} {c['unit']} of {c['full_scale']:g}" for c in passed)
+    if len({c["unit"] for c in info["channels"]}) == 1:
+        needed = f"{1.01 * max(peaks.values()):.3g}"
+    else:
+        needed = ", ".join(f"{name}: {1.01 * peak:.3g}" for name, peak in peaks.items() if peak > 0)
+    then = "players clip there, though the file does not" if info["subtype"] != "PCM_24" else "the file is clipped there"
+    return shown(f"{report.path}: samples pass full scale ({told}); {then}: give a full scale (--full-scale) of {needed}")
 
 
 def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]) -> FileReport:

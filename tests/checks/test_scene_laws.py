@@ -150,7 +150,7 @@ def test_page(tmp_path):
     r = report(bumps(), {"x": sinusoid(0.05, 1.0)}, seconds=1.0)
     r.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
-    assert "What the law is made of" in page and "Spectrum of the outputs" in page and "envelope" in page
+    assert "What the law is made of" in page and "spectrum of voltage, and of its law" in page and "envelope" in page
 
 
 def scaled(f, change):

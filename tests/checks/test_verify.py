@@ -101,7 +101,15 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path):
     page = (tmp_path / "a.html").read_text()
     assert page == (tmp_path / "b.html").read_text()
     assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page  # nothing from elsewhere; no code
-    for word in ("passed", "Force over position", "Noise before gate", "&lt;a&gt;.wav", scene.hash, "minimum_jerk(depth=0.02"):
+    for word in (
+        "passed",
+        "over position, x1",
+        "over position, x2",
+        "noise in force2 before gate",
+        "&lt;a&gt;.wav",
+        scene.hash,
+        "minimum_jerk(depth=0.02",
+    ):
         assert word in page
     assert not list(tmp_path.glob("*.part"))
 

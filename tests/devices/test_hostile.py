@@ -544,6 +544,20 @@ def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
 def test_render_tells_of_samples_that_players_clip(tmp_path):
     words = ["render", "bumps", "--motion", "constant_speed(0.02, 0.1)", "--seconds", "0.2", "--out", str(tmp_path / "a.wav")]
     done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0 and "players clip at 1: to listen, give --full-scale" in " ".join(done.stderr.split())
+    assert done.exit_code == 0
+    said = " ".join(done.stderr.split())
+    assert "(voltage reaches 200 V of 1)" in said and "give a full scale (--full-scale) of 202" in said
+    done = CliRunner().invoke(app, [*words, "--full-scale", "150", "--quiet"])
+    assert done.exit_code == 0 and "(voltage reaches 200 V of 150)" in " ".join(done.stderr.split())
     done = CliRunner().invoke(app, [*words, "--full-scale", "200"])
     assert done.exit_code == 0 and done.stderr == ""
+
+
+def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path):
+    x = stimlib.Input("x", "m")
+    proc = stimlib.compile(stimlib.Scene({"force": stimlib.constant(100.0, "N/m") * x, "place": 1 * x}), 1000, target="python")
+    motion = {"x": np.full(10, 0.5)}
+    with pytest.warns(RuntimeWarning, match=r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505"):
+        file.write(tmp_path / "a.wav", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0})
+    with pytest.warns(RuntimeWarning, match="the file is clipped there"):
+        file.write(tmp_path / "a.flac", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0})

@@ -1,0 +1,31 @@
+"""What `stimlib demo` renders, in one picture: python docs/pictures/demo.py writes docs/demo.svg."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+import stimlib
+from stimlib.analysis.listen import vibration
+from stimlib.analysis.picture import curve
+from stimlib.demo import FS, SECONDS, STIMULI
+
+mpl.rcParams.update({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9})
+fig = Figure(figsize=(11, 4.2), layout="constrained")
+for (top, bottom), s in zip(fig.subplots(2, 3).T, STIMULI, strict=True):
+    made = stimlib.render(s.make(), s.motion, FS, SECONDS)
+    y, x = made[s.output], next(iter(s.motion.values()))(made.t)
+    curve(top, made.t, 1e3 * x)
+    top.set(title=s.make.__name__, xlabel="time / s", ylabel="position / mm", xmargin=0)
+    if s.output == "force1":
+        curve(bottom, made.t, 1e3 * vibration(y, FS), color="C1")
+        bottom.set(xlabel="time / s", ylabel="vibration / mN", xmargin=0)
+    elif s.output == "voltage":
+        curve(bottom, made.t, y, color="C1")
+        bottom.set(xlabel="time / s", ylabel="voltage / V", xmargin=0)
+    else:
+        bottom.plot(1e3 * x[::16], y[::16], color="C1", lw=0.7)
+        bottom.set(xlabel="position / mm", ylabel="force / N")
+    for ax in (top, bottom):
+        ax.grid(alpha=0.3)
+fig.savefig(Path(__file__).parents[1] / "demo.svg", metadata={"Date": None})

@@ -1,0 +1,146 @@
+"""What the library is for, in ten seconds: three papers' stimuli under a hand, each as file, picture, proof and copy for ears."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shlex
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from .analysis.listen import listen
+from .analysis.picture import picture
+from .checks.verify import verify
+from .core.scene import Scene
+from .errors import SinkError
+from .files.audio import write
+from .motion.generators import Motion, jittered, minimum_jerk, quantised
+from .run.processor import compile
+from .run.rendering import render
+from .scenes import bumps, squeeze, viscoelastic
+
+FS, SECONDS = 8000.0, 4.8
+
+
+def _hand(motion: Motion, resolution: float, seed: int = 0) -> Motion:
+    """A motion as an encoder reports it: in codes, of which the last toggles."""
+    return quantised(jittered(motion, resolution, rate=500.0, seed=seed), resolution)
+
+
+class Stimulus(NamedTuple):
+    """A shipped scene, what drives it, and what is to be seen and heard."""
+
+    make: Callable[..., Scene]
+    motion: dict[str, Motion]
+    full_scale: float  # in the outputs' unit
+    output: str  # to listen to
+    what: str
+    look: str
+    hear: str
+
+
+STIMULI = (
+    Stimulus(
+        squeeze,
+        {"x1": _hand(minimum_jerk(0.02), 1e-6, seed=1), "x2": _hand(minimum_jerk(0.018), 1e-6, seed=2)},
+        50.0,
+        "force1",
+        "two fingers squeeze a spring that vibrates",
+        "the vibration beside the force; the spectrum within its band",
+        "four bursts: it vibrates while it is loaded, not while it is held or let go",
+    ),
+    Stimulus(
+        bumps,
+        {"x": _hand(minimum_jerk(0.1, rise=1.0, fall=1.0), 1e-5)},
+        250.0,
+        "voltage",
+        "a finger strokes six bumps on a touch screen",
+        "six bumps over position, at the same places on the way back",
+        "158 Hz, on and off: fast in the middle of a stroke, slow at its ends",
+    ),
+    Stimulus(
+        viscoelastic,
+        {"y": _hand(minimum_jerk(0.01), 1e-6)},
+        5.0,
+        "force",
+        "a finger presses a material between spring and dashpot",
+        "the force runs down while the finger holds; the loop is the work lost",
+        "the steps of the encoder, much amplified: a springpot passes them on",
+    ),
+)
+
+
+class Shown(NamedTuple):
+    """What ``demo`` made of one stimulus."""
+
+    name: str
+    passed: bool
+    """Whether every check of the report held."""
+    files: list[tuple[Path, str, str]]
+    """Path, what it is, what to look at."""
+
+
+def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Shown]:
+    """Show all of ``STIMULI``: the shipped scenes under a hand that is reported in codes of 1 um (on the touch screen 10 um).
+
+    Parameters
+    ----------
+    folder : path
+        Made if missing; see ``show``.
+    workers : int, optional
+        Processes; by default one for each core.
+
+    Yields
+    ------
+    Shown
+        As soon as its files are there.
+
+    Raises
+    ------
+    SinkError
+        The folder, or a file in it, cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from stimlib.demo import demo
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     first = next(demo(folder, workers=1))
+    >>> first.name, first.passed, [path.name for path, _, _ in first.files]
+    ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
+        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}; name another") from e
+    workers = min(workers or os.cpu_count() or 1, len(STIMULI))
+    if workers == 1:
+        yield from map(partial(show, folder), STIMULI)
+    else:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            yield from pool.map(partial(show, folder), STIMULI)
+
+
+def show(folder: Path, s: Stimulus) -> Shown:
+    """NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html; files of these names are replaced."""
+    scene, name = s.make(), s.make.__name__
+    wav, ears, png, page = (folder / f"{name}{end}" for end in (".wav", "-listen.wav", ".png", ".html"))
+    rendering = render(scene, s.motion, FS, SECONDS)
+    report = write(wav, compile(scene, FS), s.motion, SECONDS, full_scale=s.full_scale, progress=False)
+    copy = listen(rendering, s.output, ears)
+    proof = verify(scene, s.motion, wav)
+    proof.to_html(page, shlex.join(["stimlib", "verify", name, "--wav", str(wav), "--report", str(page)]))
+    picture(rendering, png, proof.spectra())
+    unit, (heard,) = scene.outputs[s.output].dim, copy.peak.values()
+    checks = f"{sum(c.passed for c in proof.checks)} of {len(proof.checks)} checks passed"
+    files = [
+        (wav, s.what, f"1.0 in the file is {s.full_scale:g} {unit}; {wav.name}.json has what it takes to make it again"),
+        (ears, f"its vibration, {heard:.2f} {unit} of {report.peak[s.output]:.1f} {unit}, for ears", s.hear),
+        (png, "its picture", s.look),
+        (page, "its proof", f"{checks}; each line says what it compared"),
+    ]
+    return Shown(name, proof.passed, files)

@@ -1,0 +1,97 @@
+"""Pictures of a rendering: nothing hides anything, units do not share an axis, and a wrong rendering leaves the band."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import stimlib
+from stimlib.analysis.picture import Signals, close_by, over_time, picture, rows_of
+from stimlib.motion.generators import constant_speed, minimum_jerk
+
+FS = 2000
+X, Z, CONTACT = stimlib.Input("x", "m"), stimlib.Input("z", "m"), stimlib.Input("contact")
+K = stimlib.constant(1000.0, "N/m")
+SCENE = stimlib.Scene({"thumb": K * X * CONTACT, "index": K * Z, "noise": stimlib.blocks.white_noise(1)})
+T = np.arange(FS) / FS
+SAME = {"x": 0.01 * T, "z": 0.01 * T, "contact": 1.0 * (T > 0.1)}
+
+
+def signals(motion):
+    r = stimlib.render(SCENE, motion, FS, target="python")
+    return Signals(SCENE, FS, r.motion, {n: r[n] for n in r.outputs})
+
+
+def labels(draw):
+    fig = Figure()
+    draw(fig)
+    assert all(len(ax.lines) <= 2 for ax in fig.axes)
+    return [ax.get_ylabel() for ax in fig.axes if ax.axison]
+
+
+def test_signals_share_a_panel_only_where_they_are_the_same():
+    outputs = ["thumb", "index", "noise"]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS, 5.0)) == ["x = z", "contact", *outputs]
+    other = SAME | {"z": 0.02 * T}
+    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS, 5.0)) == ["x", "z", "contact", *outputs]
+
+
+def test_an_output_with_the_name_of_an_input_hides_it_not():
+    s = Signals(stimlib.Scene({"x": K * X}), FS, {"x": T}, {"x": 1000 * T})
+    assert [(row.name, row.unit) for row in rows_of(s)] == [("x", "m"), ("x", "N")]
+
+
+def test_every_finger_is_drawn_over_its_own_position():
+    fig = Figure()
+    close_by(fig, signals(SAME | {"z": 0.02 * T}), {})
+    over = [ax for ax in fig.axes if "over position" in ax.get_title()]
+    assert [(ax.get_title(), ax.get_ylabel()) for ax in over] == [("over position, x", "thumb"), ("over position, z", "index")]
+    assert [np.nanmax([line.get_xdata() for line in ax.lines]) for ax in over] == pytest.approx([0.01, 0.02], rel=1e-2)
+
+
+def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):
+    noise = stimlib.Scene({"noise": stimlib.blocks.white_noise(1)})
+    for seconds in (1 / FS, 0.1):
+        picture(stimlib.render(noise, {}, FS, seconds, target="python"), tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("scene", "motion", "output"),
+    [
+        (stimlib.scenes.bumps(), {"x": constant_speed(0.1, 0.1)}, "voltage"),
+        (stimlib.scenes.viscoelastic(), {"y": minimum_jerk(depth=0.01)}, "force"),
+    ],
+    ids=["bumps", "viscoelastic"],
+)
+def test_a_correct_rendering_lies_within_the_band_and_a_wrong_one_does_not(scene, motion, output):
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, seconds=1.0))
+    a = report.spectra()[output]
+    assert ((a.low <= a.measured) & (a.measured <= a.high)).all()
+    wrong = dc.replace(report, evidence=dc.replace(report.evidence, y=report.evidence.y * 1.001))
+    b = wrong.spectra()[output]
+    assert (b.measured > b.high).any()
+
+
+def test_the_law_of_bumps_is_shown_over_one_bump():
+    scene, motion = stimlib.scenes.bumps(bumps=6, length=0.1), {"x": constant_speed(0.1, 0.1)}
+    e = stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, seconds=1.0)).evidence
+    assert np.ptp(e.x[0, e.closeup]) == pytest.approx(0.1 / 6, rel=0.01)
+    assert set(e.curves) == {"envelope", "carrier"}
+
+
+@pytest.mark.parametrize(
+    ("scene", "motion"),
+    [
+        (stimlib.scenes.bumps(amplitude=0), {"x": constant_speed(0.1, 0.1)}),
+        (stimlib.Scene({"y": 1.0 / (stimlib.Input("x", "m") / stimlib.constant(1.0, "m") - 0.5)}), {"x": np.linspace(0, 1, 401)}),
+        (stimlib.Scene({"y": 1e300 * stimlib.Input("x", "m")}), {"x": np.linspace(0, 1, 400)}),
+    ],
+    ids=["silent", "fault", "huge"],
+)
+def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, scene, motion):
+    r = stimlib.render(scene, motion, FS, 0.2, on_fault="ignore")
+    report = stimlib.verify(scene, motion, r)
+    report.to_html(tmp_path / "a.html")
+    picture(r, tmp_path / "a.png", report.spectra())
