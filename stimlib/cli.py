@@ -379,10 +379,10 @@ def demo_(
 
     [bold]stimlib demo[/]
     """
-    from rich.table import Table
-    from rich.text import Text
-
     with _friendly():
+        from rich.table import Table
+        from rich.text import Text
+
         from .demo import demo
 
         table = Table()

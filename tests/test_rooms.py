@@ -8,8 +8,6 @@ import pytest
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = "errors version core design blocks targets motion run scenes files devices fitting analysis checks demo cli __main__"
 ORDER = ROOMS.split()
-    "errors version core design blocks targets motion run scenes files devices fitting analysis checks demo cli __main__".split()
-)
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
 
 

@@ -121,7 +121,7 @@ class Rendering:
         return importlib.import_module("stimlib.analysis.picture").html_of(self)
 
     def plot(self) -> Figure:
-        """Inputs over time, outputs over time and their spectra.
+        """Each signal over time; of each output its vibration in close-up, its course over position and its spectrum.
 
         Returns
         -------
@@ -133,8 +133,8 @@ class Rendering:
         >>> import numpy as np, stimlib
         >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
         >>> fig = stimlib.render(scene, {"x": np.arange(100.0)}, fs=1000).plot()
-        >>> fig.axes[0].get_xlabel()
-        'time / s'
+        >>> fig.axes[0].get_ylabel()
+        'x'
         """
         return importlib.import_module("stimlib.analysis.picture").figure(self)
 
