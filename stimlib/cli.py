@@ -259,10 +259,10 @@ def demo_(
 
     [bold]stimlib demo[/]
     """
-    from rich.table import Table
-    from rich.text import Text
-
     with _friendly():
+        from rich.table import Table
+        from rich.text import Text
+
         from .demo import demo
 
         table = Table()
@@ -276,8 +276,8 @@ def demo_(
                 passed &= made.passed
         Console(width=None if sys.stdout.isatty() else 130).print(table)
         print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
-    if not passed:
-        raise typer.Exit(1)
+        if not passed:
+            raise typer.Exit(1)
 
 
 @app.command("render")
