@@ -396,8 +396,8 @@ def demo_(
                 passed &= made.passed
         Console(width=None if sys.stdout.isatty() else 130).print(table)
         print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
-    if not passed:
-        raise typer.Exit(1)
+        if not passed:
+            raise typer.Exit(1)
 
 
 @app.command("render")

@@ -109,8 +109,6 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
 # What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
 FAILING = """
 import stimlib
-from stimlib import demo
-from stimlib.analysis.listen import vibration
 from stimlib import Input, Scene
 from math import sin
 
