@@ -195,7 +195,7 @@ def test_every_command_ends_so():
         first, *others = definition.body[1:]
         assert isinstance(first, ast.With) and ast.unparse(first.items[0].context_expr) == "_friendly()", definition.name
         assert [ast.unparse(other) for other in others] in (
-            [], ["if not passed:\n    raise typer.Exit(1)"], ["if not result.passed:\n    raise typer.Exit(1)"], ["if not result.matches:\n    raise typer.Exit(1)"]
+            [], ["if not result.passed:\n    raise typer.Exit(1)"], ["if not result.matches:\n    raise typer.Exit(1)"]
         )  # fmt: skip
 
 
