@@ -43,11 +43,11 @@ test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
 	$(ENV) .venv-lowest/bin/python -m pytest -q -n 2 --dist loadgroup
 
-# Devices at length, on servers without hardware: all rates, blocks and channels, a minute in real time, a busy interpreter.
+# All tests at length; devices on servers without hardware at all rates, blocks and channels, a minute in real time.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices tests/test_jax.py tests/test_laws.py tests/test_examples.py
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.

@@ -1,5 +1,6 @@
 """Fits: exact answers at uneven times, known materials found again, recorded tissue, and what is refused."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -148,14 +149,14 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     clean, arm = springpot_force(t, y, 300.0, 0.2), maxwell_force(t, y, 100.0, [(200.0, 2.0)])
     held = {"chi": 0, "alpha": 0, "k0": 0, "k1": 0, "tau1": 0}
     truth = {"chi": 300.0, "alpha": 0.2, "k0": 100.0, "k1": 200.0, "tau1": 2.0}
-    runs = 100
+    runs = 200 if "STIMLIB_STRESS" in os.environ else 100
     for _ in range(runs):
         noise = 1 + 0.02 * rng.standard_normal(t.size)
         fits = fit_springpot(t, y, clean * noise), fit_generalized_maxwell(t, y, arm * noise, arms=1)
         for fit in fits:
             for name, (low, high) in fit.intervals.items():
                 held[name] += low <= truth[name] <= high
-    assert all(0.89 * runs <= n <= 0.99 * runs for n in held.values()), held
+    assert all(0.90 * runs <= n <= 0.99 * runs for n in held.values()), held
 
 
 def test_what_a_recording_does_not_tell_has_no_bounds():

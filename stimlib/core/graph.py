@@ -51,7 +51,7 @@ class Block(Refusals):
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
-    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal, |z| = 1, |z| = 1
+    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal, |z| = 1
 
     def __init_subclass__(cls, abstract: bool = False, **kw):
         super().__init_subclass__(**kw)

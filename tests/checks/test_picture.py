@@ -95,3 +95,5 @@ def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, sc
     report = stimlib.verify(scene, motion, r)
     report.to_html(tmp_path / "a.html")
     picture(r, tmp_path / "a.png", report.spectra())
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG") and (tmp_path / "a.png").stat().st_size > 10_000
+    assert "</html>" in (tmp_path / "a.html").read_text()
