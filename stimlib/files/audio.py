@@ -30,7 +30,8 @@ from ..core.program import warn_beyond
 from ..errors import BadValue, FaultError, SinkError, UnitError, shown
 from ..motion.source import check_names, frames_of, sources_of
 from ..run.processor import Processor
-from ..run.rendering import Rendering, fault_text, pull
+from ..run.rendering import Rendering, fault_text
+from ..run.walk import rows_of, walk
 from ..version import __version__
 from .draft import PIECE, TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 
@@ -213,7 +214,7 @@ def write(
     frames = frames_of(seconds, proc.fs)
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
-        return pull(proc, sources, frames, min(int(block), most))
+        return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most)))
 
     return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
 

@@ -36,8 +36,9 @@ from ..core import definitions, fields, regular
 from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, StimlibError, shown
-from ..run.processor import Processor
+from ..run.processor import Change, Processor
 from ..run.safety import GAIN, Safety, protect, to_device
+from ..run.walk import Rows, walk
 from ..version import __version__
 from . import audio as file
 from .draft import Draft
@@ -486,9 +487,10 @@ class SessionLog:
     notes: list[str]
 
     @property
-    def changes(self) -> list[Event]:
-        """The ``set`` events, in order of sample index."""
-        return sorted((e for e in self.events if e.kind == "set"), key=lambda e: e.at)
+    def changes(self) -> list[Change]:
+        """The ``set`` events, in order of sample index, as `Processor.set` takes them."""
+        sets = [Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs) for e in self.events if e.kind == "set"]
+        return sorted(sets, key=lambda c: c.at)
 
 
 def read_log(folder: str | os.PathLike[str]) -> SessionLog:
@@ -733,42 +735,41 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba"
         proc.process(np.zeros((len(proc.inputs), 0)))
     except (SceneError, BadValue) as e:
         raise SinkError(f"{log.folder}: the scene cannot be compiled: {e}") from e
-    if missing := set(proc.inputs) - set(log.inputs):
-        raise SinkError(f"{log.folder}: the log has no motion of {', '.join(sorted(missing))}")
     return proc
 
 
-def motion_of(log: SessionLog, proc: Processor, at: int, stop: int) -> NDArray[np.float64]:
-    """The logged motion of samples at .. stop - 1, shape (n_inputs, n), rows as the processor has them."""
-    x = np.empty((len(proc.inputs), stop - at))
-    if proc.inputs:
-        x[:] = log.motion[at:stop, [log.inputs.index(name) for name in proc.inputs]].T
-    return x
+def motion_of(log: SessionLog, proc: Processor) -> Rows:
+    """The logged motion, rows as the processor has them, read where they are asked for.
 
-
-def blocks(log: SessionLog, proc: Processor, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Run a processor along a log, its parameters set where they were; (index, y (n_outputs, n)) one after the other.
-
-    Changes of parameters that the processor does not have are left out. The samples do not depend on the block.
+    Raises
+    ------
+    SinkError
+        The log has not the motion of an input.
     """
-    changes = [e for e in log.changes if e.data["name"] in proc.params]
-    at = k = 0
-    while at < log.frames:
-        while k < len(changes) and changes[k].at <= at:
-            d = changes[k].data
-            proc.set(d["name"], d["value"], d["ramp"] / log.fs)
-            k += 1
-        stop = min([log.frames, at + block] + [c.at for c in changes[k : k + 1]])
-        yield at, proc.process(motion_of(log, proc, at, stop))
-        at = stop
+    if missing := set(proc.inputs) - set(log.inputs):
+        raise SinkError(f"{log.folder}: the log has no motion of {', '.join(sorted(missing))}")
+    columns = [log.inputs.index(name) for name in proc.inputs]
+    if not columns:
+        return np.empty((0, log.frames))
+    return lambda at, stop: np.ascontiguousarray(log.motion[at:stop, columns].T)
 
 
-def delivered(log: SessionLog, block: int = 8192) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
-    """Replayed frames (at, frames (n, channels), whether they were delivered or lost), in order and without a hole."""
-    scales = log.safety.scales(log.outputs)
+def changes_of(log: SessionLog, proc: Processor) -> list[Change]:
+    """The logged changes of parameters that the processor has."""
+    return [c for c in log.changes if c.name in proc.params]
+
+
+def delivered(
+    log: SessionLog, block: int = 8192, proc: Processor | None = None
+) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
+    """Replayed frames (at, frames (n, channels), whether they were delivered or lost), in order and without a hole.
+
+    A processor, if given, must be one of ``processor(log)``; it then tells what happened, as its faults.
+    """
+    proc, scales = processor(log) if proc is None else proc, log.safety.scales(log.outputs)
     lost = [(a, a + n) for a, n in log.lost if n]
     k = 0
-    for at, y in blocks(log, processor(log), block):
+    for at, y in walk(proc, motion_of(log, proc), log.frames, changes_of(log, proc), block=block):
         frames = to_device(y, scales, log.channels)
         begin = 0
         while begin < len(frames):
@@ -836,7 +837,7 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
             "seed": log.seed,
             "params": log.params,
             "index": 0,
-            "log": [{"at": e.at, **e.data, "ramp": e.data["ramp"] / log.fs} for e in log.changes],
+            "log": [c._asdict() for c in log.changes],
             "motion": dict.fromkeys(log.inputs, f"log of {log.frames} samples"),
             "lost": [{"at": at, "frames": n} for at, n in log.lost],
             "scene": what.to_dict(),

@@ -251,7 +251,7 @@ def test_a_session_replays_from_its_log(server, tmp_path):
     log, report = read_log(folder), s.report()
     again = replay(log)
     assert again.matches and report.lost > 0.25 * FS
-    assert sum(e.data["name"] == "k" for e in log.changes) == 5
+    assert sum(c.name == "k" for c in log.changes) == 5
     assert (log.frames, sum(n for _, n in log.lost)) == (report.produced, report.lost)
 
 
