@@ -740,7 +740,7 @@ def verify_(
             if wav is not None or given:
                 raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
             from .checks.session import verify_log
-            from .files.log import read_log
+            from .files.session import read_log
 
             expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
             result = verify_log(read_log(log), expected)
@@ -778,8 +778,8 @@ def replay(
     """
     with _friendly():
         _import(import_)
-        from .files.log import read_log
-        from .files.log import replay as replay_log
+        from .files.replay import replay as replay_log
+        from .files.session import read_log
 
         result = replay_log(read_log(log), out)
         print(result)
@@ -797,7 +797,7 @@ def recover(
     [bold]stimlib recover squeeze.wav[/]
     """
     with _friendly():
-        from .files.audio import recover as recover_file
+        from .files.publish import recover as recover_file
 
         print(recover_file(file, out))
 

@@ -17,6 +17,7 @@ from ..core.program import ROOT, lower
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
+from ..files.audio import read
 from ..motion.source import positions, sources_of
 from ..run.processor import Change, Processor, compile
 from ..run.rendering import Rendering
@@ -109,9 +110,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
         if rendering.outputs != tuple(scene.outputs) or shown.shape[:1] != (len(scene.outputs),) or shown.dtype != np.float64:
             raise BadValue(f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one float64 row for each")
     else:
-        from ..files import audio as file
-
-        shown, sidecar = file.read(rendering)
+        shown, sidecar = read(rendering)
         fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
         source = Path(rendering).name
         if sidecar["scene_hash"] != scene.hash:

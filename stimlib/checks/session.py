@@ -11,7 +11,8 @@ from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..files.log import Hashes, MotionFile, SessionLog, changed_motion, changes_of, delivered, motion_of, processor
+from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
+from ..files.session import MotionFile, SessionLog
 from ..run.safety import Watch, protect, to_device
 from ..run.walk import samples, walk
 from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps

@@ -15,6 +15,9 @@ import numpy as np
 from ..core.graph import Block, Const, Input, pack, signals
 from ..core.scene import Scene
 from ..errors import BadValue, shown
+from ..files.audio import read
+from ..files.formats import stored
+from ..files.sidecar import told
 from ..run.processor import compile
 from ..run.rendering import Rendering
 from ..run.walk import samples
@@ -102,10 +105,9 @@ def verify_file(path: str | os.PathLike[str], scene: Scene | None = None, motion
     ...     verify_file(folder + "/a.wav").passed
     True
     """
-    from ..files import audio as file
-
-    told = file.read(path)[1]
-    report = verify(scene_told(path) if scene is None else scene, _motion_told(path, told) if motion is None else motion, path)
+    if motion is None:
+        motion = _motion_told(path, read(path)[1])
+    report = verify(scene_told(path) if scene is None else scene, motion, path)
     if scene is None:
         report.evidence.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
     return report
@@ -119,9 +121,7 @@ def scene_told(path: str | os.PathLike[str]) -> Scene:
     SceneFileError, SinkError
         As `verify_file`.
     """
-    from ..files import audio as file
-
-    return Scene.from_dict(file.told(path)["scene"], f"{path}.json")
+    return Scene.from_dict(told(path)["scene"], f"{path}.json")
 
 
 def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
@@ -228,10 +228,7 @@ def same_samples(e: Evidence) -> list[Check]:
         wrong = int(np.sum(e.shown.view(np.uint64) != cut.view(np.uint64)))
         checks.append(Check("b", "delivered = re-render", wrong, 0, "samples whose bits differ"))
     else:
-        from ..files import audio as file
-
-        stored = file.stored(cut, e.sidecar)
-        wrong = int(np.sum(e.shown.view(np.uint64) != stored.view(np.uint64)))
+        wrong = int(np.sum(e.shown.view(np.uint64) != stored(cut, e.sidecar).view(np.uint64)))
         checks.append(Check("b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"))
     return checks
 

@@ -141,7 +141,7 @@ class Rendering:
 
         Returns
         -------
-        stimlib.files.audio.FileReport
+        stimlib.files.sidecar.FileReport
 
         Raises
         ------

@@ -236,7 +236,8 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
 
 
 def test_a_session_replays_from_its_log(server, tmp_path):
-    from stimlib.files.log import read_log, replay
+    from stimlib.files.replay import replay
+    from stimlib.files.session import read_log
 
     folder = tmp_path / "session.stimlog"
     with sink(squeeze(), motion=HAND, server=server.name, log=folder, params={"A": 2.0}, seed=11) as s:

@@ -25,7 +25,9 @@ from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
 from stimlib.files import audio as file
-from stimlib.files.log import LogWriter, delivered, header, read_log, replay
+from stimlib.files.log import LogWriter, header
+from stimlib.files.replay import delivered, replay
+from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect, to_device
@@ -632,7 +634,7 @@ def test_a_unit_that_would_be_computed_for_hours(small, text):
 
 
 def test_import_is_light():
-    code = "import stimlib.files.log, sys; print(sorted(sys.modules))"
+    code = "import stimlib.files.log, stimlib.files.session, sys; print(sorted(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
 
