@@ -14,7 +14,7 @@ define environment
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then apt-get update -q && apt-get install -y -q python3-venv; \
 	  else echo "Python's venv is missing; install it first, for instance: sudo apt-get install python3-venv"; exit 1; fi; }
 	$(2) -m venv $(1)
-	$(1)/bin/python -m pip install -q --disable-pip-version-check --require-hashes -r $(3)
+	$(1)/bin/python -m pip install -q --disable-pip-version-check --no-compile --require-hashes -r $(3)
 	$(1)/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation \
 	  --config-settings editable_mode=compat -e .
 	@touch $(1)/ready
