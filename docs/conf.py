@@ -10,7 +10,7 @@ copyright = author
 version = release = stimlib.__version__
 
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
-exclude_patterns = ["_build", "generated"]
+exclude_patterns = ["_build"]
 nitpicky = False
 
 autosummary_generate = False

@@ -16,6 +16,11 @@ PRINTED = {
         "force1: largest 40.00 N, vibration 14.13 mN rms\n"
         "force2: largest 40.00 N, vibration 14.29 mN rms\n"
     ),
+    "ribbed_cloth.py": (
+        "Rendering(force: 1.5 s at 8000 Hz)\n"
+        "stroking: 0.144 N rms, between -0.26 and 0.26 N\n"
+        "holding: 0.013 N rms, between -0.07 and 0.08 N\n"
+    ),
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain at 50 Hz: -3.01 dB\n"
     ),
