@@ -1,4 +1,4 @@
-"""Figure 4.1 of paper 003, redrawn from renderings: python docs/pictures/bumps.py writes docs/pictures/bumps.svg."""
+"""Figure 4.1 of the touch-screen thesis, redrawn from renderings: python docs/pictures/bumps.py writes bumps.svg beside it."""
 
 from pathlib import Path
 
