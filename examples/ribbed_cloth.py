@@ -13,7 +13,6 @@ from stimlib.blocks import clip, constant, sin, velocity, white_noise
 from stimlib.motion.generators import minimum_jerk
 
 
-# [scene]
 def scene() -> stimlib.Scene:
     x = stimlib.Input("x", "m")
     height = stimlib.Param("height", 0.2, "N")

@@ -2,6 +2,7 @@
 
 import csv
 import doctest
+import logging
 import re
 import shlex
 import shutil
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 
 from stimlib import blocks
 from stimlib.cli import app
+from stimlib.devices.null import NullSink
 from stimlib.motion.generators import GENERATORS
 
 ROOT = Path(__file__).parents[1]
@@ -42,6 +44,8 @@ def test_docs_build_without_warnings(tmp_path):
     for page in (tmp_path / "html").rglob("*.html"):  # whoever reads it offline misses nothing
         outside = re.findall(r'(?:src|href)="(?:https?:)?//([^/"]+)', re.sub(r"<a .*?>", "", page.read_text()))
         assert not outside, f"{page.name} loads something from {outside}"
+    for style in (tmp_path / "html").rglob("*.css"):
+        assert not re.search(r"(?:url\(|@import) *[\"']?(?:https?:)?//", style.read_text()), style.name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
@@ -62,6 +66,52 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
         done = CliRunner().invoke(app, shlex.split(command))
         assert done.exit_code == (2 if wanted.startswith("   error:") else 0), (command, done.output)
         assert doctest.OutputChecker().check_output(textwrap.dedent(wanted), done.output, OPTIONS), (command, done.output)
+
+
+def python_blocks() -> dict[str, str]:
+    """All Python that is printed and no doctest: blocks of pages, and of the README."""
+    found = {"README.md": re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)}
+    for page in PAGES:
+        blocks = re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page.read_text())
+        found[str(page.relative_to(DOCS))] = [textwrap.dedent(b) for b in blocks]
+    return {f"{name} {i}": text for name, texts in found.items() for i, text in enumerate(texts)}
+
+
+@pytest.mark.parametrize("name", python_blocks())
+def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch):
+    """By itself, with its own imports; on no device in the place of one."""
+    monkeypatch.chdir(tmp_path)
+
+    def quiet(scene, safety, *, name=None, **options):
+        return NullSink(scene, safety, clocked=False, **options)
+
+    monkeypatch.setattr("stimlib.devices.jack.JackSink", quiet)
+    monkeypatch.setattr("stimlib.devices.portaudio.PortAudioSink", quiet)
+    level = logging.getLogger("stimlib").level
+    exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
+    logging.getLogger("stimlib").setLevel(level)
+
+
+def test_programs_that_pages_show_have_their_imports(tmp_path):
+    """Every name in what a page shows of a program is defined there."""
+    for page in PAGES:
+        shown: dict[str, str] = {}
+        included = re.findall(
+            r"literalinclude:: \S*examples/(\w+)\.py\n   :start-(at|after): (.*)\n   :end-before: (.*)\n", page.read_text()
+        )
+        assert len(included) == len(re.findall(r"literalinclude:: \S*examples", page.read_text())), page
+        for name, how, first, last in included:
+            text = (ROOT / "examples" / f"{name}.py").read_text()
+            at = text.index(f"\n{first}\n" if how == "at" else first)
+            shown[name] = shown.get(name, "") + text[at : text.index(last, at)]
+        for name, text in shown.items():
+            (tmp_path / f"{page.stem}_{name}.py").write_text(text)
+    done = subprocess.run(
+        [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F821", str(tmp_path)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and len(list(tmp_path.iterdir())) >= 9, done.stdout + done.stderr
 
 
 def test_every_block_function_has_its_place():

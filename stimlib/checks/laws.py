@@ -1,7 +1,7 @@
 """Laws of whole signals, written here from the papers and on their own: nothing of a block's design or step is used.
 
 The generator of noise, the squeezed finger, the springpot's sum, bumps and their carrier; ``scenes`` puts them together.
-Frequency responses are in ``responses``.
+Frequency responses are in ``stimlib.design.responses``.
 """
 
 from __future__ import annotations
