@@ -28,21 +28,23 @@ def test_a_thread_reads_positions_from_a_port(package, tmp_path, monkeypatch):
     over = threading.Event()
 
     def write():
-        while not over.wait(0.01):
-            for piece in (b"2500\n", b"25", b"00\n", b"25x0\n"):
+        while not over.is_set():
+            for piece, pause in [(b"2500\n", 0.004), (b"25x0\n", 0.001)] * 10 + [(b"25", 0.15), (b"00\n", 0.001)]:
                 os.write(device, piece)
-                time.sleep(0.001)
+                time.sleep(pause)  # longer than the port waits for the rest of a line
 
-    threading.Thread(target=write, daemon=True).start()
-    reader = play(os.ttyname(port), 0.4, str(tmp_path / "a.stimlog"))
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    reader = play(os.ttyname(port), 0.6, str(tmp_path / "a.stimlog"))
     over.set()
+    writer.join()  # before its number of a file is somebody else's
+    os.close(device)
+    os.close(port)
     log = read_log(tmp_path / "a.stimlog")
     assert reader.reports > 10 and reader.unreadable > 5 and not reader.is_alive()
     x = np.asarray(log.motion)[:, 0]
     assert set(x) <= {0.0, 0.0025}, "a piece of a line is not a position"
     assert x[-1] == 0.0025 and replay(log).matches
-    os.close(device)
-    os.close(port)
 
 
 def test_half_of_a_trial_needs_no_psychopy(tmp_path):
