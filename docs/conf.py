@@ -26,6 +26,8 @@ numpydoc_validation_checks: set[str] = set()
 sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none of the programs
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
+    "subsection_order": ["../examples/gallery/scenes", "../examples/gallery/blocks"],
+    "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("shown.shown",),
     "capture_repr": (),
     "abort_on_example_error": True,
