@@ -4,6 +4,8 @@ import re
 import sys
 from pathlib import Path
 
+from sphinx_gallery.sorting import ExplicitOrder
+
 import stimlib
 
 sys.path.insert(0, str(Path(__file__).parent))  # shown.py
@@ -26,7 +28,7 @@ numpydoc_validation_checks: set[str] = set()
 sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none of the programs
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
-    "subsection_order": ["../examples/gallery/scenes", "../examples/gallery/blocks"],
+    "subsection_order": ExplicitOrder(["../examples/gallery/scenes", "../examples/gallery/blocks"]),
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("shown.shown",),
     "capture_repr": (),
