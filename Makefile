@@ -74,4 +74,4 @@ lock:
 	$(LOCK) --resolution lowest-direct -o requirements-lowest.txt
 
 clean:
-	rm -rf .venv .venv-lowest .venv-lock demo docs/_build
+	rm -rf .venv .venv-lowest .venv-lock demo docs/_build docs/gallery

@@ -1,16 +1,22 @@
 """Sphinx configuration.  The pages use no external host: no formulas by script, no fonts, no badges."""
 
 import re
+import sys
+from pathlib import Path
+
+from sphinx_gallery.sorting import ExplicitOrder
 
 import stimlib
+
+sys.path.insert(0, str(Path(__file__).parent))  # shown.py
 
 project = "stimlib"
 author = "the stimlib authors"
 copyright = author
 version = release = stimlib.__version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
-exclude_patterns = ["_build", "generated"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc", "sphinx_gallery.gen_gallery"]
+exclude_patterns = ["_build"]
 nitpicky = False
 
 autosummary_generate = False
@@ -18,6 +24,20 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say it, with units
 numpydoc_show_class_members = False
 numpydoc_validation_checks: set[str] = set()
+
+sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none of the programs
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "subsection_order": ExplicitOrder(["../examples/gallery/scenes", "../examples/gallery/blocks"]),
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("shown.shown",),
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "write_computation_times": False,
+    "show_signature": False,
+    "min_reported_time": 3600,
+}
 
 html_theme = "furo"
 html_title = f"stimlib {version}"

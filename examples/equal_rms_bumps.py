@@ -11,7 +11,6 @@ import stimlib
 from stimlib.analysis.am import envelope_mean_square, rms
 from stimlib.scenes import bumps
 
-# [pair]
 FS, SPEED = 8000, 0.02  # Hz, m/s
 
 

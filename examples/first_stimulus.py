@@ -13,7 +13,6 @@ from stimlib.blocks import constant, differentiator, enabled, loading, pink_nois
 from stimlib.motion.generators import minimum_jerk
 
 
-# [scene]
 def scene() -> stimlib.Scene:
     k = stimlib.Param("k", 2000.0, "N/m")  # live: proc.set("k", 1500.0)
     A = stimlib.Param("A", 3.4)

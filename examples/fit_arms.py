@@ -21,7 +21,6 @@ FS = 1000  # Hz; five recorded samples are averaged into one
 CONTACT, SETTLED = 0.124, 0.02  # s: when the probe touches; how long after the ramp the machine settles
 
 
-# [fit]
 def recorded(path: Path):
     """Time (s, 0 where the hold begins), indentation (m) and force (N) at 5 kHz."""
     with np.load(path) as z:

@@ -14,7 +14,6 @@ from stimlib.scenes import bumps
 FS = 8000  # Hz
 
 
-# [match]
 def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 

@@ -13,7 +13,6 @@ import numpy as np
 import stimlib
 from stimlib.core.maths import flush, fma
 
-# [block]
 LARGEST = 0.45  # of fs
 
 

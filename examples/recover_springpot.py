@@ -14,7 +14,6 @@ from stimlib.blocks import spring, springpot
 FS = 1000  # Hz
 
 
-# [recover]
 def press(t):
     """Position in m of a finger that presses twice, and trembles."""
     return 0.01 * np.sin(4.0 * t) ** 2 + 2e-4 * np.sin(2 * np.pi * 9 * t)

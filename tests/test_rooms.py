@@ -48,7 +48,7 @@ def test_imports_point_down(module):
             )
 
 
-UP = {  # what is taken from above by its name, each in one line; see docs/development.rst
+UP = {  # what is taken from above by its name, each in one line; see docs/howto/development.rst
     "core.operators": {"stimlib.blocks.maps"},
     "core.scene": {"stimlib.blocks", "stimlib.analysis.draw"},
     "run.rendering": {"stimlib.analysis.picture", "stimlib.files.audio"},

@@ -1,4 +1,4 @@
-"""Figure 4.1 of paper 003, redrawn from renderings: python docs/pictures/bumps.py writes docs/bumps.svg."""
+"""Figure 4.1 of the touch-screen thesis, redrawn from renderings: python docs/pictures/bumps.py writes bumps.svg beside it."""
 
 from pathlib import Path
 
@@ -50,4 +50,4 @@ def picture():
 
 
 if __name__ == "__main__":
-    (Path(__file__).parents[1] / "bumps.svg").write_text(picture())
+    Path(__file__).with_name("bumps.svg").write_text(picture())

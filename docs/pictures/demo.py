@@ -1,4 +1,4 @@
-"""What `stimlib demo` renders, in one picture: python docs/pictures/demo.py writes docs/demo.svg."""
+"""What `stimlib demo` renders, in one picture: python docs/pictures/demo.py writes docs/pictures/demo.svg."""
 
 from pathlib import Path
 
@@ -28,4 +28,4 @@ for (top, bottom), s in zip(fig.subplots(2, 3).T, STIMULI, strict=True):
         bottom.set(xlabel="position / mm", ylabel="force / N")
     for ax in (top, bottom):
         ax.grid(alpha=0.3)
-fig.savefig(Path(__file__).parents[1] / "demo.svg", metadata={"Date": None})
+fig.savefig(Path(__file__).with_name("demo.svg"), metadata={"Date": None})

@@ -1,4 +1,4 @@
-"""Recorded tissue and its springpots: python docs/pictures/fitting.py writes docs/fitting.svg and prints what fitting.rst has."""
+"""Recorded tissue and its springpots: python docs/pictures/fitting.py writes fitting.svg beside it and prints its table."""
 
 import sys
 from pathlib import Path
@@ -48,4 +48,4 @@ fit = fit_springpot(t, y, f, where=later)
 fit.draw(top[2], below[2], "ramp of 36 ms", "C4")
 top[2].set(title="soft sample, indented", ylabel="force / N", yscale="log", ylim=(1e-7, 3e-6), xlim=(4e-3, None))
 row("indented, from 20 ms", later.sum(), fit, fit_generalized_maxwell(t, y, f, arms=2, where=later))
-fig.savefig(Path(__file__).parents[1] / "fitting.svg", metadata={"Date": None})
+fig.savefig(Path(__file__).with_name("fitting.svg"), metadata={"Date": None})

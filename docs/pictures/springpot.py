@@ -1,4 +1,5 @@
-"""Pictures of the springpot: python docs/pictures/springpot.py writes docs/springpot_*.svg and prints what fractional.rst has.
+"""Pictures of the springpot: python docs/pictures/springpot.py writes springpot_*.svg beside itself and prints
+what reference/blocks/fractional.rst has.
 
 Everything is rendered by stimlib; springpot_work.svg is drawn from benchmarks/results.
 """
@@ -26,8 +27,8 @@ from stimlib.blocks import (
 from stimlib.blocks.relaxation import creep_compliance
 from stimlib.motion.generators import ramp_and_hold
 
-DOCS = Path(__file__).parents[1]
-RESULTS = DOCS.parent / "benchmarks" / "results"
+HERE = Path(__file__).parent
+RESULTS = HERE.parents[1] / "benchmarks" / "results"
 FS, W = 1000, 2 * np.pi  # the thesis' sample rate and frequency
 ORDERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 Y, F = Input("y", "m"), Input("f", "N")
@@ -39,7 +40,7 @@ def run(block, x):
 
 
 def save(fig, name):
-    fig.savefig(DOCS / f"springpot_{name}.svg", metadata={"Date": None})
+    fig.savefig(HERE / f"springpot_{name}.svg", metadata={"Date": None})
 
 
 def dots(ax, t, law, color, every=100, first=25):

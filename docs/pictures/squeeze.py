@@ -1,4 +1,4 @@
-"""Figure 4 of paper 000, redrawn from a rendering: python docs/pictures/squeeze.py writes docs/squeeze.svg."""
+"""Figure 4 of the UGrip paper, redrawn from a rendering: python docs/pictures/squeeze.py writes docs/pictures/squeeze.svg."""
 
 from pathlib import Path
 
@@ -32,4 +32,4 @@ ax.plot(1e3 * x[rising], force[rising], color="C3", lw=0.5, label="loading")
 ax.set(xlabel="position / mm", ylabel="force / N")
 ax.grid(alpha=0.3)
 ax.legend(loc="upper left")
-fig.savefig(Path(__file__).parents[1] / "squeeze.svg", metadata={"Date": None})
+fig.savefig(Path(__file__).with_name("squeeze.svg"), metadata={"Date": None})

@@ -150,7 +150,7 @@ def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None 
 
     References
     ----------
-    Paper 003, eq. (18) and table 6.1.
+    The touch-screen thesis, eq. (18) and table 6.1.
 
     Examples
     --------

@@ -89,7 +89,7 @@ def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prom
 
     References
     ----------
-    Paper 001, section 3.8.
+    Çaldıran's thesis, section 3.8.
 
     Examples
     --------

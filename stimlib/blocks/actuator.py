@@ -77,7 +77,7 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
 
     References
     ----------
-    Paper 000, section 1.1, eq. (1).
+    The UGrip paper, section 1.1, eq. (1).
 
     Examples
     --------
@@ -136,7 +136,7 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
 
     References
     ----------
-    Paper 000, section 2.1: "more than 37 N of static or 100 N of peak force".
+    The UGrip paper, section 2.1: "more than 37 N of static or 100 N of peak force".
 
     Examples
     --------
@@ -236,7 +236,7 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
 
     References
     ----------
-    Paper 000, section 2.1: "more than 37 N of static or 100 N of peak force".  The rule is our own.
+    The UGrip paper, section 2.1: "more than 37 N of static or 100 N of peak force".  The rule is our own.
 
     Examples
     --------
@@ -376,7 +376,7 @@ def motor_current(
 
     References
     ----------
-    Paper 000, section 2.1: F(x) = n B I Gamma(x).
+    The UGrip paper, section 2.1: F(x) = n B I Gamma(x).
 
     Examples
     --------

@@ -193,7 +193,8 @@ def carrier(freq, rectify: str | None = None, phase: float = 0.0, contact=1.0) -
 
     References
     ----------
-    Paper 003, chapter 3: vibration at the plate's first resonance, 158 Hz, of which "we only consider the positive parts".
+    The touch-screen thesis, chapter 3: vibration at the plate's first resonance, 158 Hz, of which "we only consider the positive
+    parts".
 
     Examples
     --------

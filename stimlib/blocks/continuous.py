@@ -44,7 +44,7 @@ def springpot_stiffness(chi: float, alpha: float, w) -> Stiffness:
 
     References
     ----------
-    Paper 001, section 2.2: |k_C| = chi w^alpha, phase alpha pi/2.
+    Çaldıran's thesis, section 2.2: |k_C| = chi w^alpha, phase alpha pi/2.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
 
     References
     ----------
-    Paper 001, eqs. (3.2) and (4.1): chi_2 = chi_1 w^(alpha1 - alpha2).
+    Çaldıran's thesis, eqs. (3.2) and (4.1): chi_2 = chi_1 w^(alpha1 - alpha2).
 
     Examples
     --------

@@ -88,7 +88,7 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
 
     References
     ----------
-    Paper 001, figure 1.1b (creep).
+    Çaldıran's thesis, figure 1.1b (creep).
 
     Examples
     --------

@@ -165,7 +165,8 @@ def equalize(
 
     References
     ----------
-    Paper 003, section 4.2 and figure 4.2: "we increase all the displacements along the horizontal axis to the max value".
+    The touch-screen thesis, section 4.2 and figure 4.2: "we increase all the displacements along the horizontal axis to the max
+    value".
 
     Examples
     --------

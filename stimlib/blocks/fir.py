@@ -197,7 +197,7 @@ def differentiator(
 
     References
     ----------
-    Paper 000, section 1.1: "D(s) is band limited to limit gain and prevent aliasing ... a FIR filter of order 128".
+    The UGrip paper, section 1.1: "D(s) is band limited to limit gain and prevent aliasing ... a FIR filter of order 128".
 
     Examples
     --------

@@ -100,7 +100,7 @@ def loading(v: Block, on: float | None = None, off: float | None = None, resolut
 
     References
     ----------
-    Paper 000, eq. (2): "nonzero only during loading"; section 2.1: encoder resolution 1 um.
+    The UGrip paper, eq. (2): "nonzero only during loading"; section 2.1: encoder resolution 1 um.
 
     Examples
     --------

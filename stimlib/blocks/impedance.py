@@ -97,7 +97,7 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
 
     References
     ----------
-    Paper 000, section 1.1: the compression rate v of eq. (2).
+    The UGrip paper, section 1.1: the compression rate v of eq. (2).
 
     Examples
     --------
@@ -181,7 +181,7 @@ def first_order(x: Block, tau: float) -> Block:
 
     References
     ----------
-    Paper 000, section 1.1: the impedances Z_c(s), Z_n(s) may be any linear dynamics of v.
+    The UGrip paper, section 1.1: the impedances Z_c(s), Z_n(s) may be any linear dynamics of v.
 
     Examples
     --------
@@ -202,7 +202,7 @@ def with_unit(v, text: str) -> Block:
 
 
 def spring(x: Block, k) -> Block:
-    """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of paper 000.
+    """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of the UGrip paper.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def spring(x: Block, k) -> Block:
 
     References
     ----------
-    Paper 000, section 2.1.
+    The UGrip paper, section 2.1.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def kelvin_voigt(x: Block, k, b, cutoff: float = 100.0) -> Block:
 
     References
     ----------
-    Paper 001: Kelvin-Voigt element, k_C = k + i w b.
+    Çaldıran's thesis: Kelvin-Voigt element, k_C = k + i w b.
 
     Examples
     --------

@@ -100,7 +100,7 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
 
     References
     ----------
-    Paper 000, section 1.1: "a 3 dB/octave lowpass filter H(s)".
+    The UGrip paper, section 1.1: "a 3 dB/octave lowpass filter H(s)".
 
     Examples
     --------
@@ -176,7 +176,7 @@ def pink_noise(
 
     References
     ----------
-    Paper 000, section 1.1: p(s) = H(s) n(s), S(f) ~ 1/f.
+    The UGrip paper, section 1.1: p(s) = H(s) n(s), S(f) ~ 1/f.
 
     Examples
     --------

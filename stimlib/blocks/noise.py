@@ -168,7 +168,7 @@ def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
 
     References
     ----------
-    Paper 000, section 1.1: "gaussian white noise n(s)".
+    The UGrip paper, section 1.1: "gaussian white noise n(s)".
 
     Examples
     --------

@@ -163,7 +163,7 @@ def springpot_series(
 
     References
     ----------
-    Paper 001, section 2.2; the relaxation of spring and springpot is k E_alpha(-(k/chi) t^alpha).
+    Çaldıran's thesis, section 2.2; the relaxation of spring and springpot is k E_alpha(-(k/chi) t^alpha).
 
     Examples
     --------

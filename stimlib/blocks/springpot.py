@@ -86,7 +86,7 @@ def springpot(
 
     References
     ----------
-    Paper 001, section 2.2, and eq. (3.1).
+    Çaldıran's thesis, section 2.2, and eq. (3.1).
 
     Examples
     --------

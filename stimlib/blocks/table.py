@@ -187,8 +187,8 @@ def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str
 
     References
     ----------
-    Paper 000, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.  Paper 003, section 4.2: "a simple
-    look-up table and a polynomial interpolation function".
+    The UGrip paper, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.  The touch-screen
+    thesis, section 4.2: "a simple look-up table and a polynomial interpolation function".
 
     Examples
     --------

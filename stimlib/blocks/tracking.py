@@ -178,8 +178,8 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
 
     References
     ----------
-    Paper 003, chapter 3, eq. (17): bumps are tied to the finger's position, which an infrared frame acquires.  The filter is
-    our own choice, the papers give none.
+    The touch-screen thesis, chapter 3, eq. (17): bumps are tied to the finger's position, which an infrared frame acquires.
+    The filter is our own choice, the papers give none.
 
     Examples
     --------
@@ -231,7 +231,7 @@ def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1
 
     References
     ----------
-    Paper 000, section 1.1: the compression rate v.  The filter is our own choice.
+    The UGrip paper, section 1.1: the compression rate v.  The filter is our own choice.
 
     Examples
     --------

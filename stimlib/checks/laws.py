@@ -1,7 +1,7 @@
 """Laws of whole signals, written here from the papers and on their own: nothing of a block's design or step is used.
 
 The generator of noise, the squeezed finger, the springpot's sum, bumps and their carrier; ``scenes`` puts them together.
-Frequency responses are in ``responses``.
+Frequency responses are in ``stimlib.design.responses``.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Finger(NamedTuple):
 def squeeze_finger(
     x: np.ndarray, noise: np.ndarray, contact: np.ndarray, fs: float, k: Any, A: Any, cutoff: float, on: float, off: float
 ) -> Finger:
-    """Paper 000, eq. (2) and section 2.1, for one finger's position and (gated) noise.
+    """The UGrip paper, eq. (2) and section 2.1, for one finger's position and (gated) noise.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
 
 
 def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """D^alpha y at some samples by the full sum of paper 001, eq. (3.1), from rest; and the same sum of absolute values.
+    """D^alpha y at some samples by the full sum of Çaldıran's thesis, eq. (3.1), from rest; and the same sum of absolute values.
 
     The order is that of the sample, as if it had been so from the start.
     """
@@ -176,7 +176,7 @@ def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
 
 
 def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray) -> np.ndarray:
-    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n, paper 003, figure 4.1; 0 off contact."""
+    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n (touch-screen thesis, figure 4.1); 0 off contact."""
     u, d = u.astype(np.longdouble), duty.astype(np.longdouble)
     touching = contact > 0
     before = np.r_[u[:1], u[:-1]]
@@ -200,7 +200,7 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
 
 
 def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str) -> tuple[np.ndarray, float]:
-    """d_max/d in the middle between the last two places, paper 003, section 4.2; and the largest gain between the knots."""
+    """d_max/d between the last two places (touch-screen thesis, section 4.2), and the largest gain between the knots."""
     from scipy import interpolate
 
     make = {

@@ -12,7 +12,7 @@ and the trapezoidal rule in log(s) turns the integral into few terms, with an er
 step delta.  All of the grid below s0 = 0.25/horizon acts as a few nodes in [0, s0] with the same moments.  So the rates s_k
 depend on tol and the horizon only, and the order alpha enters by the weights, in closed form.
 
-Sampled: Gruenwald-Letnikov (``gl``) is eq. (3.1) of paper 001 in terms of differences; ``l1`` is exact for straight lines
+Sampled: Gruenwald-Letnikov (``gl``) is eq. (3.1) of Çaldıran's thesis in terms of differences; ``l1`` is exact for straight lines
 between samples.
 """
 

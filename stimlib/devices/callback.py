@@ -1,7 +1,7 @@
 """What a device calls: one compiled body that runs a program and moves its samples, without the interpreter.
 
 Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in one int64 array, the context c, that
-``stimlib.devices.sink.Pump`` fills; each word below is named by its place.  Rings have one writer and one reader: the
+``stimlib.devices.pump.Pump`` fills; each word below is named by its place.  Rings have one writer and one reader: the
 writer stores its count with release, the reader loads it with acquire, so neither ever waits for the other.
 """
 

@@ -88,7 +88,7 @@ class PortAudioSink(Sink):
     says that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
 
     PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA gives in an order of its own, and mix what
-    does not match: ``docs/hardware.rst`` says how each channel stays itself.
+    does not match: ``docs/howto/hardware.rst`` says how each channel stays itself.
 
     Examples
     --------

@@ -171,7 +171,7 @@ class Feeder(threading.Thread):
 
     Parameters
     ----------
-    pump : stimlib.devices.sink.Pump
+    pump : stimlib.devices.pump.Pump
     source : Scripted
     failed : callable
         Called with the exception when a function of the hand raises or is not finite.

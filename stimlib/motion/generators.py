@@ -380,7 +380,7 @@ class quantised(Motion):
     motion : Motion
         The true motion; any function of time that gives metres will do.
     resolution : float, m
-        Distance between two codes, above 0; the squeeze device of paper 000 has 1 um.
+        Distance between two codes, above 0; the squeeze device of the UGrip paper has 1 um.
 
     Returns
     -------

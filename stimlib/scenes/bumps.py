@@ -1,4 +1,7 @@
-"""Haptic bumps on a touch screen that vibrates at its resonance: paper 003, chapters 3 and 4."""
+"""Haptic bumps on a touch screen that vibrates at its resonance: the touch-screen thesis, chapters 3 and 4.
+
+"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen"; see docs/reference/papers.rst.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +81,7 @@ def bumps(
 
     References
     ----------
-    Paper 003, eqs. (16) and (17), sections 4.2 and 4.3, figure 4.1.
+    The touch-screen thesis, eqs. (16) and (17), sections 4.2 and 4.3, figure 4.1.
 
     Examples
     --------
@@ -136,7 +139,7 @@ def bumps_set() -> list[Stimulus]:
 
     References
     ----------
-    Paper 003, section 4.2, tables 4.1 and 6.1.
+    The touch-screen thesis, section 4.2, tables 4.1 and 6.1.
 
     Examples
     --------

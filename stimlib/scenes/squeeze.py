@@ -1,4 +1,7 @@
-"""Multimodal squeezing of a virtual object: paper 000 (UGrip), sections 1.1 and 2.1, for thumb and index finger."""
+"""Squeezing a virtual object with thumb and index finger: the UGrip paper, sections 1.1 and 2.1.
+
+"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see docs/reference/papers.rst.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +80,7 @@ def squeeze(
 
     References
     ----------
-    Paper 000, eq. (2), section 2.1, fig. 4.
+    The UGrip paper, eq. (2), section 2.1, fig. 4.
 
     Examples
     --------

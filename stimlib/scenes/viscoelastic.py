@@ -1,4 +1,7 @@
-"""Viscoelastic materials along the spectrum from spring to dashpot: paper 001, chapters 3 and 4."""
+"""Viscoelastic materials along the spectrum from spring to dashpot: Çaldıran's thesis, chapters 3 and 4.
+
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see docs/reference/papers.rst.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ def viscoelastic(
 
     References
     ----------
-    Paper 001, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the thesis.
+    Çaldıran's thesis, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the thesis.
 
     Examples
     --------

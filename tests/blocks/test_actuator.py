@@ -1,4 +1,4 @@
-"""Limits that hold for any force, and the two formulas of paper 000 around the motor."""
+"""Limits that hold for any force, and the two formulas of the UGrip paper around the motor."""
 
 import numpy as np
 import pytest

@@ -123,7 +123,7 @@ def test_creep_is_exact_for_straight_lines(fs, tau):
 
 @pytest.mark.parametrize("fs", RATES)
 def test_limits_hold_at_the_ends_of_the_range(fs):
-    """Paper 001, eqs. (2.3), (2.4), and their duals."""
+    """Çaldıran's thesis, eqs. (2.3), (2.4), and their duals."""
     signal = some_motion(seed=2)
     speed = np.diff(signal, prepend=0.0) * fs
     way = np.array(exact_integral(signal, fs))

@@ -1,6 +1,7 @@
 """Would the verifier notice?  Every fault of ``faults.py``, one at a time, and correct renderings beside them.
 
-``python tests/stress/verify_many.py`` prints the table of docs/verification.rst, and verifies a thousand correct renderings.
+``python tests/stress/verify_many.py`` prints the table of docs/explanation/verification.rst, and verifies a thousand correct
+renderings.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The two-finger squeeze against a second one, written by hand from paper 000 without stimlib; and what it promises."""
+"""The two-finger squeeze against a second one, written by hand from the UGrip paper without stimlib; and what it promises."""
 
 import numpy as np
 import pytest

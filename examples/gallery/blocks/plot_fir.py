@@ -1,0 +1,18 @@
+"""
+FIR filters: the differentiator
+===============================
+
+The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See :doc:`/reference/blocks/fir`.
+"""
+
+from math import pi
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.blocks import differentiator, pink_noise
+
+p = pink_noise(1 / pi, seed=7, f_low=10)
+scene = stimlib.Scene({"p": p, "rate": differentiator(p, passband=1000)})
+result = stimlib.render(scene, {}, fs=8000, seconds=2.0)
+listen(result, "rate", "rate_of_pink_noise.wav")
+figure = result.plot()

@@ -1,0 +1,24 @@
+"""
+Tables: a detent
+================
+
+A measured curve, or one that you make up: the force of a notch that holds the finger in its middle. See
+:doc:`/reference/blocks/table`.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import stimlib
+from stimlib.blocks import lut
+from stimlib.motion.generators import minimum_jerk
+
+place = np.linspace(0.0, 0.02, 21)  # m
+force = 2.0 * np.sin(np.pi * (place - 0.01) / 0.01) * np.hanning(21)  # N, towards the middle on both sides
+scene = stimlib.Scene({"force": lut(stimlib.Input("x", "m"), place, force, kind="pchip", unit="N")})
+hand = minimum_jerk(depth=0.02, rise=0.5, fall=0.5)
+result = stimlib.render(scene, {"x": hand}, fs=8000, seconds=1.4)
+figure = Figure(figsize=(8, 4), layout="constrained")
+axes = figure.subplots()
+axes.plot(1000 * hand(result.t), result["force"])
+axes.set(xlabel="position / mm", ylabel="force / N")

@@ -1,0 +1,16 @@
+"""
+Squeeze
+=======
+
+A spring between thumb and index finger that vibrates while it is compressed, and only then. See :doc:`/reference/scenes/squeeze`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import squeeze
+
+thumb, index = minimum_jerk(depth=0.02), minimum_jerk(depth=0.015)
+result = stimlib.render(squeeze(), {"x1": thumb, "x2": index}, fs=8000, seconds=2.5)
+listen(result, "force1", "squeeze.wav")
+figure = result.plot()

@@ -1,0 +1,14 @@
+"""
+A material between spring and dashpot
+=====================================
+
+Pressed and held, its force runs down; the loop over position is the work lost. See :doc:`/reference/scenes/viscoelastic`.
+"""
+
+import stimlib
+from stimlib.motion.generators import ramp_and_hold
+from stimlib.scenes import viscoelastic
+
+press = ramp_and_hold(depth=0.01, rise=0.3, start_time=0.2, hold=1.0, fall=0.3)
+result = stimlib.render(viscoelastic(alpha=0.25), {"y": press}, fs=1000, seconds=2.5)
+figure = result.plot()
