@@ -376,7 +376,7 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
     >>> parse_map(["x=force_N*5e-4", "y = (y_raw - 10)*2e-5"])
     {'x': 'force_N*5e-4', 'y': '(y_raw - 10)*2e-5'}
     """
-    return _pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
+    return pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
 
 
 def parse_where(text: str) -> dict[str, str]:
@@ -401,10 +401,11 @@ def parse_where(text: str) -> dict[str, str]:
     >>> parse_where("grasp=pinch,level=easy,trial=1")
     {'grasp': 'pinch', 'level': 'easy', 'trial': '1'}
     """
-    return _pairs(text.split(","), "where", "COLUMN=VALUE,COLUMN=VALUE, such as grasp=pinch,trial=1")
+    return pairs(text.split(","), "where", "COLUMN=VALUE,COLUMN=VALUE, such as grasp=pinch,trial=1")
 
 
-def _pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
+def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
+    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a name comes twice."""
     if isinstance(items, str):
         raise BadValue(f"{what}: give a list of texts, not one text")
     found: dict[str, str] = {}
