@@ -15,7 +15,8 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import BadValue, SinkError
-from .sink import Sink, keep_loaded
+from .process import keep_loaded
+from .sink import Sink
 from .sources import Signals
 
 SILENT_FOR = 2.0

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from .sink import Sink, _abandoned, _close_all, keep_loaded
+from .process import abandoned, close_all, keep_loaded
+from .sink import Sink
 from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
@@ -62,8 +63,8 @@ def _sounddevice() -> ModuleType:
 
 def _fade_first() -> None:
     """sounddevice ends PortAudio at the end of the program: our sinks are closed before."""
-    atexit.unregister(_close_all)
-    atexit.register(_close_all)
+    atexit.unregister(close_all)
+    atexit.register(close_all)
 
 
 class PortAudioSink(Sink):
@@ -244,7 +245,7 @@ class PortAudioSink(Sink):
         if end:
             atexit.unregister(end)  # ending PortAudio waits for a device that never answers, and so would the program
         if self._hangs:
-            _abandoned.append(stream)
+            abandoned.append(stream)
             return
         with _alone():
             stream.stop()
