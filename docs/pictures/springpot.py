@@ -23,7 +23,7 @@ from stimlib.blocks import (
     springpot,
     springpot_stiffness,
 )
-from stimlib.blocks.relaxation import creep_compliance
+from stimlib.blocks.continuous import creep_compliance
 from stimlib.motion.generators import ramp_and_hold
 
 DOCS = Path(__file__).parents[1]

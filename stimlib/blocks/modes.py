@@ -16,6 +16,7 @@ from ..core.graph import Block, positive
 from ..core.maths import modes
 from ..core.response import backward
 from ..design import minimax, responses
+from ..design.eights import padded
 from .noise import White, noise_key, normals
 
 
@@ -49,12 +50,8 @@ class Modes(Block, abstract=True):
 
 def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:
     """Parameters and rest state of a bank, padded to whole groups of eight."""
-    n = -(-e.size // 8) * 8
-    return ModesParams(_pad(e, n, 1.0), _pad(r, n, 0.0), float(d)), ModesState(np.zeros(n))
-
-
-def _pad(a, n, v):
-    return np.concatenate([a, np.full(n - a.size, v)])
+    e = padded(e, 1.0)
+    return ModesParams(e, padded(r), float(d)), ModesState(np.zeros(e.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +137,7 @@ class PinkNoise(Modes):
         g = normals(noise_key(seed, *self.white.noise_key, 1), e.size)
         L = minimax.cholesky(minimax.stationary_covariance(e))
         q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
-        return ModesState(_pad(q, s.q.size, 0.0))
+        return ModesState(padded(q, n=s.q.size))
 
     def laws(self, fs):
         return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)

@@ -11,8 +11,9 @@ import numpy as np
 from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
+from ..design.eights import padded
 from ..errors import BadValue
-from .fractional import AGAIN, check_fields, clear, eights, force_unit
+from .fractional import AGAIN, check_fields, clear, force_unit
 
 NAN = math.nan
 POINTS = 100  # of history that are summed
@@ -127,9 +128,9 @@ class ShortMemory(Block):
         return force_unit("springpot", u[0])
 
     def design(self, fs):
-        n = eights(POINTS)
-        taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
-        return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+        taps = padded(math.pow(fs, self.order) * binomials(self.order, POINTS))[::-1].copy()
+        step = 1.0 if self.onset == "step" else 0.0
+        return ShortMemoryParams(taps, step), ShortMemoryState(np.zeros(taps.size - 1), 0.0, 1.0)
 
     def laws(self, fs):
         return (responses.short_memory(self.order, fs),)

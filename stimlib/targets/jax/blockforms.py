@@ -20,11 +20,12 @@ from ...blocks import fractional as pot
 from ...blocks import noise, thesis
 from ...blocks.bump import sinpi
 from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
+from ...blocks.creep import KelvinChain
 from ...blocks.delay import Delay
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
-from ...blocks.relaxation import KelvinChain, MaxwellArms
+from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
