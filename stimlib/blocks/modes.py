@@ -15,8 +15,10 @@ import numpy as np
 from ..core.graph import Block, positive
 from ..core.maths import modes
 from ..core.response import backward
-from ..design import minimax, responses
+from ..design import responses
 from ..design.eights import padded
+from ..design.minimax import asked_by
+from ..design.pink import cholesky, pink_modes, stationary_covariance
 from .noise import White, noise_key, normals
 
 
@@ -66,8 +68,8 @@ class Pinking(Modes):
         positive(self, "f_low", "tol_db")
 
     def design(self, fs):
-        with minimax.asked_by("pinking"):
-            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with asked_by("pinking"):
+            m = pink_modes(fs, self.f_low, self.tol_db)
         return bank(m.e, m.r, m.d)
 
     def laws(self, fs):
@@ -124,8 +126,8 @@ class PinkNoise(Modes):
         positive(self, "psd_1hz", "f_low", "tol_db")
 
     def design(self, fs):
-        with minimax.asked_by("pink_noise"):
-            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with asked_by("pink_noise"):
+            m = pink_modes(fs, self.f_low, self.tol_db)
         gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
         return bank(m.e, gain * m.r, gain * m.d)
 
@@ -135,7 +137,7 @@ class PinkNoise(Modes):
             return s
         e = p.e[p.r != 0]
         g = normals(noise_key(seed, *self.white.noise_key, 1), e.size)
-        L = minimax.cholesky(minimax.stationary_covariance(e))
+        L = cholesky(stationary_covariance(e))
         q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
         return ModesState(padded(q, n=s.q.size))
 

@@ -153,12 +153,12 @@ def pink(b, p, s, x, run):
     """As modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
-    from ...design import minimax
+    from ...design.pink import cholesky, stationary_covariance
 
     live = p.r != 0
     e = p.e[live]
     g = deviates(stream_key(run.key, *b.white.noise_key, 1), 0, e.size, jnp.float64)
-    q = jnp.asarray(minimax.cholesky(minimax.stationary_covariance(e))) @ g
+    q = jnp.asarray(cholesky(stationary_covariance(e))) @ g
     return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d, q)
 
 
