@@ -23,7 +23,8 @@ from stimlib.cli import app
 from stimlib.cli.scene import scene_of
 from stimlib.core.graph import registry
 from stimlib.files import audio as file
-from stimlib.motion.generators import minimum_jerk, parse_motion, sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion.text import parse_motion
 
 run = CliRunner()
 OWN = """
@@ -337,8 +338,6 @@ def test_sidecar_is_enough_to_render_again(tmp_path):
     words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.005)", "--seconds", "0.3", "--set", "A=2", "--quiet"]
     assert run.invoke(app, [*words, "--out", str(tmp_path / "a.w64"), "--subtype", "DOUBLE"]).exit_code == 0
     sidecar = json.loads((tmp_path / "a.w64.json").read_text())
-    from stimlib.motion.generators import parse_motion
-
     again = stimlib.render(
         stimlib.Scene.from_dict(sidecar["scene"]),
         {name: parse_motion(text) for name, text in sidecar["motion"].items()},

@@ -57,7 +57,7 @@ def safety_of(
         typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
     ] = None,
 ) -> Any:
-    from ..motion.recorded import pairs
+    from ..motion.text import pairs
     from ..run.safety import Safety
 
     def of_each(text: Any, option: str) -> Any:

@@ -76,7 +76,8 @@ def motions_of(
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
-    from ..motion.recorded import Recording, parse_map, parse_source, parse_where, recording
+    from ..motion.recorded import Recording, parse_source, recording
+    from ..motion.text import parse_map, parse_where
 
     motions: dict[str, Any] = {}
     seconds = None

@@ -134,7 +134,7 @@ def touching(text: str) -> str:
 
 def params_of(items: list[str]) -> dict[str, float]:
     """Parameters of --set."""
-    from ..motion.recorded import pairs
+    from ..motion.text import pairs
 
     found = {}
     for name, text in pairs(items, "--set", "NAME=VALUE").items():

@@ -21,9 +21,10 @@ import numpy as np
 from ..errors import BadValue, UnknownName, shown
 from .batch import Array
 from .cubics import cubics
-from .generators import MAX_SPEC, Motion, parse_motion
+from .generators import Motion
 from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
 from .table import Columns, TableFile, read_table
+from .text import MAX_SPEC, parse_motion
 
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
@@ -253,7 +254,10 @@ def recording(
     """
     _check_options(columns, where, contact, reports, repeats, max_speed, max_gap)
     table = read_table(source, sha256)
-    spec = _spec(table, columns, where, time, contact, reports, repeats, max_speed, max_gap)
+    spec = _spec(
+        table, columns, where=where or None, time=time, contact=contact, reports=reports, repeats=repeats, max_speed=max_speed,
+        max_gap=max_gap,
+    )  # fmt: skip
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()
     period = float(np.median(np.diff(found.t)))
@@ -354,71 +358,6 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     return known[part]
 
 
-def parse_map(items: Iterable[str]) -> dict[str, str]:
-    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command line.
-
-    Parameters
-    ----------
-    items : iterable of str
-
-    Returns
-    -------
-    dict of str to str
-        ``columns`` of `recording`, which checks the expressions.
-
-    Raises
-    ------
-    BadValue
-        When an item has another form, or an input comes twice.
-
-    Examples
-    --------
-    >>> parse_map(["x=force_N*5e-4", "y = (y_raw - 10)*2e-5"])
-    {'x': 'force_N*5e-4', 'y': '(y_raw - 10)*2e-5'}
-    """
-    return pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
-
-
-def parse_where(text: str) -> dict[str, str]:
-    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a command line.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    dict of str to str
-        ``where`` of `recording`, which compares numbers as numbers.
-
-    Raises
-    ------
-    BadValue
-        When the text has another form, or a column comes twice.
-
-    Examples
-    --------
-    >>> parse_where("grasp=pinch,level=easy,trial=1")
-    {'grasp': 'pinch', 'level': 'easy', 'trial': '1'}
-    """
-    return pairs(text.split(","), "where", "COLUMN=VALUE,COLUMN=VALUE, such as grasp=pinch,trial=1")
-
-
-def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
-    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a name comes twice."""
-    if isinstance(items, str):
-        raise BadValue(f"{what}: give a list of texts, not one text")
-    found: dict[str, str] = {}
-    for item in items:
-        name, _, value = (part.strip() for part in item.partition("="))
-        if not name or not value:
-            raise BadValue(f"{what} {item!r}: write {form}")
-        if name in found:
-            raise BadValue(f"{what}: {name} is given twice, {found[name]!r} and {value!r}")
-        found[name] = value
-    return found
-
-
 def _served_by(name: str, sources: Mapping[str, Any], names: list[str]) -> str | None:
     """The recorded name that an input gets: its own, or without its number."""
     stem = re.sub(r"[0-9]+\Z", "", name)
@@ -461,35 +400,11 @@ def _is_positive(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(0 < value < float("inf"))
 
 
-def _spec(
-    table: TableFile,
-    columns: Mapping[str, str],
-    where: Mapping[str, Any] | None,
-    time: str,
-    contact: str | bool | None,
-    reports: str,
-    repeats: str | None,
-    max_speed: float | Mapping[str, float | None] | None,
-    max_gap: float | None,
-) -> str:
+def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
     """The call that makes this recording again, on one line."""
-    words = [repr(table.file), repr(dict(columns))]
-    if where:
-        words.append(f"where={_plain(where)!r}")
-    if time != "t_s":
-        words.append(f"time={time!r}")
-    if contact is not None:
-        words.append(f"contact={contact!r}")
-    if reports != "always":
-        words.append(f"reports={reports!r}")
-    if repeats is not None:
-        words.append(f"repeats={repeats!r}")
-    if max_speed != 1.0:
-        words.append(f"max_speed={_plain(max_speed)!r}")
-    if max_gap is not None:
-        words.append(f"max_gap={_plain(max_gap)!r}")
-    words.append(f"sha256={table.sha256[:16]!r}")
-    return f"recording({', '.join(words)})"
+    usual = inspect.signature(recording).parameters
+    words = [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
+    return f"recording({', '.join([repr(table.file), repr(dict(columns)), *words, f'sha256={table.sha256[:16]!r}'])})"
 
 
 def _plain(value: Any) -> Any:

@@ -23,7 +23,8 @@ from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import exp, log, lut, sqrt, white_noise
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
 from stimlib.files import audio as file
-from stimlib.motion.generators import minimum_jerk, parse_motion, sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion.text import parse_motion
 from stimlib.scenes import squeeze
 
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]

@@ -25,7 +25,8 @@ from stimlib.errors import SinkError, StimlibError
 from stimlib.files import audio as file
 from stimlib.files.batch import render_set
 from stimlib.files.log import LogWriter, header, read_log, replay
-from stimlib.motion.generators import parse_motion, sinusoid
+from stimlib.motion.generators import sinusoid
+from stimlib.motion.text import parse_motion
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 
 KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
