@@ -167,18 +167,18 @@ def length(source: Source | None) -> int | None:
 
 
 class Feeder(threading.Thread):
-    """Keeps a scripted hand ahead of the samples.
+    """Keeps a scripted motion ahead of the samples.
 
     Parameters
     ----------
-    pump : stimlib.devices.sink.Pump
+    pump : stimlib.devices.pump.Pump
     source : Scripted
     failed : callable
-        Called with the exception when a function of the hand raises or is not finite.
+        Called with the exception when a function of the motion raises or is not finite.
     """
 
     def __init__(self, pump: Any, source: Scripted, failed: Callable[[Exception], None]):
-        super().__init__(name="stimlib hand", daemon=True)
+        super().__init__(name="stimlib motion", daemon=True)
         self._pump, self._failed = pump, failed
         self._sources = sources_of(source.motion, pump.proc.inputs, 1)
         self._end = length(source)

@@ -80,7 +80,7 @@ def test_without_threads_a_sink_does_not_open_and_holds_nothing():
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 def test_without_threads_a_sink_does_not_start_and_holds_nothing():
-    assert "stimlib hand" in ran(FEW, "later")
+    assert "stimlib motion" in ran(FEW, "later")
 
 
 def test_what_cannot_be_waited_for():
