@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from inspect import Parameter, Signature
 
 from ..core import maths
 from ..core import units as un
-from ..core.graph import Block, Map, as_block, same_unit
+from ..core.graph import Block, Map, same_unit
 from ..errors import UnitError
 
 
@@ -28,7 +30,7 @@ class Where(Map):
 
 @dataclass(frozen=True, eq=False)
 class Maximum(Map):
-    """The larger of two; nan if a is."""
+    """The larger of two signals of one unit; nan if the first is."""
 
     a: Block
     b: Block
@@ -43,7 +45,7 @@ class Maximum(Map):
 
 @dataclass(frozen=True, eq=False)
 class Minimum(Map):
-    """The smaller of two; nan if a is."""
+    """The smaller of two signals of one unit; nan if the first is."""
 
     a: Block
     b: Block
@@ -58,7 +60,7 @@ class Minimum(Map):
 
 @dataclass(frozen=True, eq=False)
 class Sqrt(Map):
-    """The square root; nan below zero."""
+    """Square root; nan below zero."""
 
     x: Block
 
@@ -79,7 +81,7 @@ class _Transcendental(Map, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class Exp(_Transcendental):
-    """exp(x)."""
+    """exp(x) of a signal without unit."""
 
     x: Block
 
@@ -90,7 +92,7 @@ class Exp(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Log(_Transcendental):
-    """Natural logarithm; -inf at 0, nan below."""
+    """Natural logarithm of a signal without unit; -inf at 0, nan below."""
 
     x: Block
 
@@ -123,7 +125,7 @@ class Cos(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Tanh(_Transcendental):
-    """tanh(x), a soft clip."""
+    """tanh(x) of a signal without unit: a soft clip."""
 
     x: Block
 
@@ -134,7 +136,7 @@ class Tanh(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Nonzero(Map):
-    """1 where x is not 0, else 0 (nan counts as not 0)."""
+    """1 where x is not 0 (as nan), else 0: ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0."""
 
     x: Block
 
@@ -171,33 +173,7 @@ def where(c, a, b) -> Block:
     >>> where(x > 1.0, x, 0.0)
     Where(Greater(..), Input('x'), Const(0.0))
     """
-    return Where(as_block(c), as_block(a), as_block(b))
-
-
-def maximum(a, b) -> Block:
-    """The larger of two signals of one unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import maximum
-    >>> maximum(Input("x"), 0.0)
-    Maximum(Input('x'), Const(0.0))
-    """
-    return Maximum(as_block(a), as_block(b))
-
-
-def minimum(a, b) -> Block:
-    """The smaller of two signals of one unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import minimum
-    >>> minimum(Input("x"), 1.0)
-    Minimum(Input('x'), Const(1.0))
-    """
-    return Minimum(as_block(a), as_block(b))
+    return Where(c, a, b)
 
 
 def clip(x, low, high) -> Block:
@@ -223,95 +199,29 @@ def clip(x, low, high) -> Block:
     >>> str(clip(Input("F", "N"), 0.0, constant(100.0, "N")).dim)
     'N'
     """
-    return Minimum(Maximum(as_block(x), as_block(low)), as_block(high))
+    return Minimum(Maximum(x, low), high)
 
 
-def sqrt(x) -> Block:
-    """Square root.
+def _function(cls: type[Map]) -> Callable[..., Block]:
+    """The function that makes a block of a class, with the class's name and docstring."""
+    name, signals = cls.__name__.lower(), ("Input('x')", "Const(0.5)")[: len(fields(cls))]  # type: ignore[arg-type]
 
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import sqrt
-    >>> str(sqrt(Input("a", "m**2")).dim)
-    'm'
-    """
-    return Sqrt(as_block(x))
+    def make(*signals: Block | float, **named: Block | float) -> Block:
+        return cls(*signals, **named)
 
-
-def exp(x) -> Block:
-    """exp(x) of a signal without unit.
+    make.__name__ = make.__qualname__ = name
+    make.__signature__ = Signature([Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD) for f in fields(cls)])  # type: ignore[arg-type,attr-defined]
+    make.__doc__ = f"""{cls.__doc__}
 
     Examples
     --------
     >>> from stimlib import Input
-    >>> from stimlib.blocks import exp
-    >>> exp(Input("x"))
-    Exp(Input('x'))
+    >>> from stimlib.blocks import {name}
+    >>> {name}({", ".join(signals).replace("Const(0.5)", "0.5")})
+    {cls.__name__}({", ".join(signals)})
     """
-    return Exp(as_block(x))
+    return make
 
 
-def log(x) -> Block:
-    """Natural logarithm of a signal without unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import log
-    >>> log(Input("x"))
-    Log(Input('x'))
-    """
-    return Log(as_block(x))
-
-
-def sin(x) -> Block:
-    """sin(x), x in rad.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import sin
-    >>> sin(Input("phase"))
-    Sin(Input('phase'))
-    """
-    return Sin(as_block(x))
-
-
-def cos(x) -> Block:
-    """cos(x), x in rad.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import cos
-    >>> cos(Input("phase"))
-    Cos(Input('phase'))
-    """
-    return Cos(as_block(x))
-
-
-def tanh(x) -> Block:
-    """tanh(x) of a signal without unit: a soft clip.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import tanh
-    >>> tanh(Input("x"))
-    Tanh(Input('x'))
-    """
-    return Tanh(as_block(x))
-
-
-def nonzero(x) -> Block:
-    """1 where x is not 0, else 0: ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0.
-
-    Examples
-    --------
-    >>> from stimlib import Param
-    >>> from stimlib.blocks import nonzero
-    >>> nonzero(Param("A", 3.4))
-    Nonzero(Param('A'))
-    """
-    return Nonzero(as_block(x))
+maximum, minimum = _function(Maximum), _function(Minimum)
+sqrt, exp, log, sin, cos, tanh, nonzero = map(_function, (Sqrt, Exp, Log, Sin, Cos, Tanh, Nonzero))

@@ -25,6 +25,23 @@ def binomials(alpha: float, n: int) -> np.ndarray:
     return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
 
 
+@dataclass(frozen=True, eq=False)
+class Method(Block, abstract=True):
+    """D^alpha y, of the order alpha, as the thesis computes it."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+
 class DownsampledParams(NamedTuple):
     weights: np.ndarray
     scale: float
@@ -40,20 +57,8 @@ class DownsampledState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Downsampled(Block):
+class Downsampled(Method):
     """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
-
-    y: Block
-    contact: Block
-    order: float
-    horizon: float
-    onset: str
-
-    def check(self):
-        check_fields(self)
-
-    def units(self, *u):
-        return force_unit("springpot", u[0])
 
     def design(self, fs):
         n = math.ceil(self.horizon * fs)
@@ -112,20 +117,8 @@ class ShortMemoryState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ShortMemory(Block):
+class ShortMemory(Method):
     """D^alpha y from the last 100 samples alone."""
-
-    y: Block
-    contact: Block
-    order: float
-    horizon: float
-    onset: str
-
-    def check(self):
-        check_fields(self)
-
-    def units(self, *u):
-        return force_unit("springpot", u[0])
 
     def design(self, fs):
         taps = padded(math.pow(fs, self.order) * binomials(self.order, POINTS))[::-1].copy()

@@ -242,7 +242,7 @@ def test_parse_refuses_and_lists_the_generators(text):
     [
         ("sinusoid(1)", "sinusoid(amplitude, freq, mean=0.0, phase=0.0): missing a required argument: 'freq'"),
         ("sinusoid(1, 2, frequency=3)", "unexpected keyword argument 'frequency'"),
-        ("minimum_jerk(rise=-1)", "minimum_jerk: rise must be a finite number above 0, got -1.0"),
+        ("minimum_jerk(rise=-1)", "minimum_jerk: rise must be a finite number above 0, got -1"),
         ("minimum_jerk(depth=1e999)", "minimum_jerk: depth must be a finite number, got inf"),
         ("quantised(1, 2)", "quantised: motion must be a motion"),
         ("sinusoid(sinusoid(1, 1), 1)", "sinusoid: amplitude must be a finite number"),
