@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from enum import StrEnum
 from typing import Annotated, Any
@@ -10,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from ..core.progress import progress
 from ..errors import BadValue, FaultError, SinkError
 from .app import (
     Channels,
@@ -70,19 +70,16 @@ def _ports(connect: list[str]) -> list[str] | str | None:
     return None if connect == ["none"] else connect or "system"
 
 
-def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds: float | None, progress: bool) -> None:
+def _play(sink: Any, fs: float, channels: int | None, block: int | None, seconds: float | None, wanted: bool) -> None:
     """Play to the end, with a progress bar where that is a terminal; whatever comes, the sink fades out."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     with sink:
         sink.open(fs, channels, block)
         sink.start(seconds)
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=errors, disable=not (progress and sys.stderr.isatty())) as bar:
-            task = bar.add_task("playing; Ctrl-C ends", total=None if seconds is None else round(seconds * fs))
+        with progress("playing; Ctrl-C ends", None if seconds is None else round(seconds * fs), wanted) as advance:
+            done = 0
             while not sink.finished:
                 sink.wait(0.1)
-                bar.update(task, completed=sink.report().produced)
+                advance(-done + (done := sink.report().produced))
         sink.check()
 
 
