@@ -24,6 +24,7 @@ from .operators import NUMBERS, Refusals, functions, no_numpy, power
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
+NONE, ONE = np.uint64(0), np.uint64(1)  # of counters in a state
 
 
 def memo(f: F) -> F:
@@ -713,9 +714,6 @@ class Guard(Block):
             at = where(healthy, at + ONE, at)
             y[i] = where(healthy, x[i], last * (left / p.m))
         return GuardState(last, left, at)
-
-
-NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 # Flat memory ---------------------------------------------------------------------------------------------------------
