@@ -59,7 +59,7 @@ class FaultError(StimlibError, RuntimeError):
 
 
 class MissingPackage(StimlibError, ImportError):
-    """Something needs a package that stimlib does not depend on; the message says how to install it."""
+    """Something needs a package that stimlib does not depend on; the message has the command that installs it."""
 
 
 class UnknownName(StimlibError, KeyError):

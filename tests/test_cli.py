@@ -405,7 +405,7 @@ def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
 @pytest.mark.parametrize(
     ("told", "says"),
     [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
-     ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not say the SHA-256"), ("recording(", "--motion"),
+     ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not have the SHA-256"), ("recording(", "--motion"),
      ("recording(open('grip.csv'), {}).contact", "--motion"), ("recording('grip.csv', {'x': 'x_mm'}, y=1)", "--motion")],
 )  # fmt: skip
 def test_a_motion_that_its_text_does_not_tell(tmp_path, monkeypatch, told, says):
@@ -461,8 +461,8 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
-        (["verify"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
-        (["verify", "squeeze"], "say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "squeeze"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
         (["verify", "--wav", "a.wav"], "there is no file a.wav"),
         (["verify", "a.flac"], "there is no file a.flac"),
         (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),
@@ -547,7 +547,7 @@ def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
         registry.pop("click_block.Click", None)  # as in a process of its own
         done = run.invoke(app, [*words.split(), *more])
         assert done.exit_code == code, done.output
-        assert code == 0 or "import click_block first; on the command line, say --import click_block.py" in done.stderr
+        assert code == 0 or "import click_block first; on the command line, add --import click_block.py" in done.stderr
 
 
 def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):

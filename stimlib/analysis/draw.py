@@ -58,7 +58,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     ----------
     scene : Scene or Processor
     path : path, optional
-        The suffix says the format: .svg, .png or .pdf.
+        The suffix is the format: .svg, .png or .pdf.
 
     Returns
     -------
@@ -171,7 +171,7 @@ class Ink:
             x += 0.55 + width_of(word, SMALL)
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
-        """Everything on a clock, over a colour; what is given out says its unit outside."""
+        """Everything on a clock, over a colour; what is given out has its unit outside."""
         p = self.layout
         for b in level.boxes:
             if b.inner:

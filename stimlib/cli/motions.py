@@ -65,7 +65,7 @@ def motions_of(
             show_default=False,
         ),
     ] = None,
-    max_speed: Annotated[float, typer.Option(help="Faster than this (m/s) is a fault of the device, not a hand.")] = 1.0,
+    max_speed: Annotated[float, typer.Option(help="Faster than this (m/s) is a fault of the device, not movement.")] = 1.0,
     max_gap: Annotated[
         float | None,
         typer.Option(
@@ -89,7 +89,7 @@ def motions_of(
         found: Any
         if text in files:
             if not map_:
-                raise BadValue(f"{text}: say which column is which input, such as --map 'x=force_N*5e-4'")
+                raise BadValue(f"{text}: name the column of each input, such as --map 'x=force_N*5e-4'")
             found = recording(
                 text,
                 parse_map(map_),

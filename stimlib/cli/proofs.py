@@ -68,7 +68,7 @@ def verify_(
         from ..checks.verify import scene_told, verify_file
 
         if wav is None:
-            raise BadValue("say what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
+            raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
         expected = None if scene is None else scene_of(scene)
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0] if given else None
         result = verify_file(wav, expected, motion)

@@ -73,7 +73,7 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
     Raises
     ------
     BadValue
-        If an argument is out of range, or if 24 sections do not meet `tol_db`; the message says what they reach.
+        If an argument is out of range, or if 24 sections do not meet `tol_db`; the message has what they reach.
 
     Notes
     -----

@@ -86,10 +86,10 @@ class PortAudioSink(Sink):
     Notes
     -----
     PortAudio finds devices and servers when ``sounddevice`` is first imported: those that come later need a new process.  It
-    says that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
+    reports that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
 
     PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA gives in an order of its own, and mix what
-    does not match: ``docs/hardware.rst`` says how each channel stays itself.
+    does not match: ``docs/hardware.rst`` has how each channel stays itself.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class PortAudioSink(Sink):
         self.block = self._stream.blocksize or None
 
     def _fits(self, sd: ModuleType, inputs: int) -> None:
-        """Errors that say what to do, before PortAudio's own."""
+        """Errors that have a remedy, before PortAudio's own."""
         try:
             info = sd.query_devices(self.name, "output")
             source = sd.query_devices(self.name, "input") if inputs else None

@@ -35,7 +35,7 @@ class SessionReport:
     block_time : dict of str to float, s
         Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
     latency : float, s
-        From the callback to the device, as the device says.
+        From the callback to the device, as the device reports it.
     stale : int
         How often the motion stayed away.
     unlogged : int

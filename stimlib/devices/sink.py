@@ -442,7 +442,7 @@ class Sink:
         if self.error is None:
             self.error = e if isinstance(e, StimlibError) else SinkError(f"{self.device}: {type(e).__name__}: {e}")
         if self._started:
-            self.pump.write("WAIT", 0)  # for a hand or a log that may have ended
+            self.pump.write("WAIT", 0)  # for a motion or a log that may have ended
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
 
     def _watch_device(self, seconds: float) -> None:
@@ -466,7 +466,7 @@ class Sink:
         return self._log_to
 
     def header(self) -> dict[str, Any]:
-        """What a log says first: everything that the samples depend on besides motion and events."""
+        """The header of a log: everything that the samples depend on besides motion and events."""
         packages = ("numpy", "numba", "llvmlite")
         return {
             "stimlib": __version__,

@@ -1,6 +1,6 @@
 """Where a sink's motion comes from.
 
-A mapping of input names to arrays is a recording in real time; with functions of time in it, a scripted hand.  ``Live``
+A mapping of input names to arrays is a recording in real time; with functions of time in it, a scripted source.  ``Live``
 takes what ``Sink.push`` is given, and ``Signals`` reads the inputs of an audio device.
 """
 
@@ -18,7 +18,7 @@ from ..errors import BadValue
 from ..motion.source import check_names, positions, sources_of
 
 AHEAD = 0.5
-"""Seconds that a scripted hand is computed before its samples run."""
+"""Seconds that a scripted source is computed before its samples run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """A hand that follows functions of time, computed a little ahead by an ordinary thread.
+    """A source that follows functions of time, computed a little ahead by an ordinary thread.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, 
     except SinkError:
         return False
     if not all(callable(m) for m in motion.values()):
-        return False  # the sidecar does not tell one array from another
+        return False  # in a sidecar all arrays are alike
     return (
         (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene, fs, round(seconds * fs), seed)
         and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}

@@ -261,7 +261,7 @@ def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> 
 # Fits ----------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False, repr=False)
 class MaterialFit:
-    """A model, its numbers, and how well it says what was recorded.
+    """A model, its numbers, and how well it fits what was recorded.
 
     Attributes
     ----------
@@ -526,7 +526,7 @@ def fit_generalized_maxwell(
     t, y, f, where, sigma, onset
         See ``fit_springpot``; y counts from where the spring has no force.
     arms : int
-        Number of Maxwell arms.  About one in a decade of time is what a recording tells.
+        Number of Maxwell arms.  A recording determines about one in a decade of time.
     spring : bool
         Whether there is a spring beside the arms, so that some force is left for ever.
 
@@ -542,7 +542,7 @@ def fit_generalized_maxwell(
 
     Notes
     -----
-    All numbers are fitted as logarithms.  An interval up to infinity says that the recording does not tell that number.
+    All numbers are fitted as logarithms.  An interval up to infinity: the recording does not determine that number.
 
     References
     ----------
@@ -673,10 +673,10 @@ def _intervals(x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray) -> tuple[n
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     _, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
-    told = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
-    deviation = np.sqrt(np.sum((v[told] / s[told, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
+    known = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
+    deviation = np.sqrt(np.sum((v[known] / s[known, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
     wide = student.ppf((1 + CONFIDENCE) / 2, free) * deviation
-    wide[np.any(np.abs(v[~told]) > 1e-6, axis=0)] = math.inf
+    wide[np.any(np.abs(v[~known]) > 1e-6, axis=0)] = math.inf
     return x - wide, x + wide
 
 

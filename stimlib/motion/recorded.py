@@ -66,7 +66,7 @@ class Contact(Motion):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """What `recording` gives. Its repr is the call that makes it again, with the file's SHA-256; its str says what was found.
+    """What `recording` gives. Its repr is the call that makes it again, with the file's SHA-256; its str states what was found.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class Recording:
         UnknownName
             An input without a column, or a mapped input that the scene does not have.
         BadValue
-            The recording has lifts or jumps, and the scene has no input that could tell it.
+            The recording has lifts or jumps, and the scene has no input for them.
 
         Examples
         --------
@@ -209,11 +209,11 @@ def recording(
         "on_change": nothing changed, so after more than 2.5 median periods without a report the point is held, in
         contact, until one median period before the next report.
     max_speed : float, None or mapping of input to float or None, m/s
-        Largest speed of a hand, in the unit of every input per second; None for no limit. A mapping limits the inputs
+        Largest speed of movement, in the unit of every input per second; None for no limit. A mapping limits the inputs
         in it, each in its own unit per second.
     max_gap : float, s, optional
         Longest silence that is joined when reports="always"; by default 10 median periods, at least 0.1 s, and a median
-        period above 0.5 s is refused as time in another unit. Any max_gap not below the median period says that it is
+        period above 0.5 s is refused as time in another unit. Any max_gap not below the median period confirms that it is
         not.
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in memory, that of its names and values.
@@ -307,7 +307,7 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
         A call of a generator, see `parse_motion`, or of `recording` with literal arguments; after that may be
         ``.motion['x']`` or ``.contact``.
     pinned : bool
-        Whether a recording must say the SHA-256 of its file, as one from a text of others should.
+        Whether a recording must have the SHA-256 of its file, as one from a text of others should.
 
     Returns
     -------
@@ -343,14 +343,14 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
             *map(ast.literal_eval, call.args), **{str(k.arg): ast.literal_eval(k.value) for k in call.keywords}
         )
     except (SyntaxError, RecursionError, MemoryError):
-        return parse_motion(text)  # it says what is wrong
+        return parse_motion(text)  # whose error names what is wrong
     except (TypeError, ValueError) as e:
         if isinstance(e, BadValue):
             raise
         form = "recording('press.csv', {'x': 'force_N*5e-4'})"
         raise BadValue(f"{text[:80]!r} cannot be read as a recording ({e}): write literal arguments, such as {form}") from None
     if pinned and words.arguments.get("sha256") is None:
-        raise BadValue(f"{text[:80]!r} does not say the SHA-256 of its file")
+        raise BadValue(f"{text[:80]!r} does not have the SHA-256 of its file")
     made = recording(*words.args, **words.kwargs)
     known: dict[Any, Any] = {None: made, "contact": made.contact, **made.motion}
     if part not in known:

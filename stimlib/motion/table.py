@@ -275,8 +275,8 @@ def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
             number_follows = number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
             if above and number_follows and line.count(separator) == above.count(separator):
                 return at - len(above.encode()), row - 1, separator  # no comment: the first name begins with #
-            if row == 1 and (told := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
-                hint = told[1]
+            if row == 1 and (declared := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
+                hint = declared[1]
             elif line.startswith("#"):
                 above = line
             else:

@@ -274,7 +274,7 @@ class History(NamedTuple):
 
 
 def history(x: Any, contact: Any, step: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``step`` says so."""
+    """Movements since contact; a step from 0 at the very first contact where ``step`` is 1."""
     x = spread(x, n)
     if steady(contact):
         first = jnp.where(step > 0, 0.0, x[0])
