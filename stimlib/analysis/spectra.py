@@ -110,10 +110,6 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     ----------
     a, W : ndarray, shape (n,)
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> import numpy as np

@@ -1,4 +1,7 @@
-"""Creep: force in, displacement out, of springs and dampers in series (``relaxation`` has the equations) and of the springpot."""
+"""Creep: force in, displacement out, of springs and dampers in series (``relaxation`` has the equations) and of the springpot.
+
+The chains are exact for forces that are straight between samples; before the first sample there is no force.
+"""
 
 from __future__ import annotations
 
@@ -90,8 +93,6 @@ class KelvinChain(Block):
 def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:
     """Displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.  It flows for as long as the force acts.
 
-    Exact for forces that are straight between samples; before the first sample there is no force.
-
     Parameters
     ----------
     f : Block
@@ -137,18 +138,10 @@ def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None
 def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:
     """Displacement of a spring and a damper side by side under a force: k y + b y' = f.  It creeps towards f/k.
 
-    Exact for forces that are straight between samples; before the first sample there is no force.
-
     Parameters
     ----------
-    f : Block
-        Force in N.
-    k : float or Block
-        Stiffness in N/m; live when it is a ``Param``, which needs ``tau`` and scales b with it.
-    b : float
-        Damping in N s/m.
-    tau : float
-        b/k in s, in place of b.
+    f, k, b, tau
+        As for ``compliance_maxwell``.
 
     Returns
     -------
@@ -157,10 +150,8 @@ def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float |
 
     Raises
     ------
-    BadValue
-        k, b or tau not above 0; both or neither of b and tau; a live k without tau.
-    UnitError
-        If the result is not a length.
+    BadValue, UnitError
+        As ``compliance_maxwell``.
 
     References
     ----------
@@ -186,8 +177,7 @@ def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float |
 def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None = None, b: float | None = None) -> Block:
     """Displacement of a chain under a force: Kelvin-Voigt elements in series, and a spring and a damper if given.
 
-    The dual of ``generalized_maxwell``; all elements run as one bank.  Exact for forces that are straight between samples;
-    before the first sample there is no force.
+    The dual of ``generalized_maxwell``; all elements run as one bank.
 
     Parameters
     ----------

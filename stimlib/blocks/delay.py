@@ -81,10 +81,6 @@ def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
     seconds : float, optional
         Rounded to whole samples at compile time.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     BadValue

@@ -96,10 +96,6 @@ def fir(x: Block, taps, unit: str = "") -> Block:
     unit : str
         Unit of the taps.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     BadValue

@@ -156,10 +156,6 @@ def where(c, a, b) -> Block:
     c, a, b : Block or float
         a and b of one unit.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     UnitError
@@ -182,10 +178,6 @@ def clip(x, low, high) -> Block:
     Parameters
     ----------
     x, low, high : Block or float
-
-    Returns
-    -------
-    Block
 
     Raises
     ------

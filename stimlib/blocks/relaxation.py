@@ -53,10 +53,6 @@ def sampled(a: float) -> Sampled:
     a : float
         Sample period over time constant, not below 0.
 
-    Returns
-    -------
-    Sampled
-
     Examples
     --------
     >>> from stimlib.blocks.relaxation import sampled

@@ -633,10 +633,6 @@ def enabled(block: Block, by: Block) -> Block:
     by : Block
         The condition.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     SceneError

@@ -26,10 +26,6 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
     error : type
         What is raised.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     error

@@ -180,10 +180,6 @@ def load(path: str | os.PathLike) -> Scene:
     ----------
     path : str or Path
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     SceneFileError

@@ -92,10 +92,6 @@ def unit(text: str) -> Unit:
     text : str
         Such as ``"m"``, ``"N/m"``, ``"N*s/m"``; ``""`` and ``"1"`` mean no unit.
 
-    Returns
-    -------
-    Unit
-
     Raises
     ------
     UnitError

@@ -53,10 +53,6 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
     order : int
         Number of taps less one; even, 2 to 8192.
 
-    Returns
-    -------
-    DifferentiatorDesign
-
     Raises
     ------
     BadValue
@@ -103,10 +99,6 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
         As for `differentiator_taps`.
     tol : float
         Largest relative error in the pass band, 1e-10 to below 1.  The stop band is then at most at 20 log10(tol) dB.
-
-    Returns
-    -------
-    int
 
     Raises
     ------

@@ -180,10 +180,6 @@ def loopback(
     tolerance : float
         Of a cable: largest residual, relative to the signal.
 
-    Returns
-    -------
-    Loopback
-
     Raises
     ------
     SinkError, BadValue

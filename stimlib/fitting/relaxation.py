@@ -76,16 +76,12 @@ def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
 
     Parameters
     ----------
-    t : array_like, shape (n,)
-        Times in s, rising, at any distances.
-    y : array_like, shape (n,)
-        Displacement in m from where the spring has no force.
+    t, y, onset
+        As for ``springpot_force``; y counts from where the spring has no force.
     k0 : float
         Stiffness of the spring in N/m.
     arms : sequence of (k, tau)
         Stiffness in N/m and time constant in s of each arm.
-    onset : {"rest", "step"}
-        Whether y has always been where it is at first, or jumps there from 0.
 
     Returns
     -------

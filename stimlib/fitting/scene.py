@@ -324,10 +324,6 @@ def fit(
     progress : bool
         A progress bar on stderr, if that is a terminal.
 
-    Returns
-    -------
-    Fit
-
     Raises
     ------
     UnknownName

@@ -218,10 +218,6 @@ def recording(
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in memory, that of its names and values.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     RecordingError

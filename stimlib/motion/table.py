@@ -89,10 +89,6 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and values, which must fit.
 
-    Returns
-    -------
-    TableFile
-
     Raises
     ------
     RecordingError

@@ -71,10 +71,6 @@ def squeeze(
     motor_constant : float, optional
         n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the geometry factor is a placeholder).
 
-    Returns
-    -------
-    Scene
-
     References
     ----------
     Paper 000, eq. (2), section 2.1, fig. 4.
