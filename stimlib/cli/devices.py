@@ -3,41 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 
 from ..core.progress import progress
 from ..errors import BadValue, FaultError, SinkError
-from .app import (
-    Channels,
-    Connect,
-    DeviceRate,
-    Import,
-    Json,
-    Length,
-    Log,
-    Quiet,
-    Seed,
-    SessionParams,
-    command,
-    end,
-    errors,
-    failed,
-    print_json,
-)
+from . import options as opt
+from .app import command, end, errors, failed, print_json
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
-
-
-class Sinks(StrEnum):
-    """What plays."""
-
-    null = "null"
-    jack = "jack"
-    portaudio = "portaudio"
 
 
 def safety_of(
@@ -88,24 +64,26 @@ def play(
     scene: SceneText,
     safety: Any,
     motions: Any,
-    sink: Annotated[Sinks, typer.Option(help="What plays: see [bold]stimlib devices[/].")] = Sinks.null,
+    sink: Annotated[
+        Literal["null", "jack", "portaudio"], typer.Option(help="What plays ([bold]stimlib devices[/].")
+    ] = "null",
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
     ] = None,
     client: Annotated[str | None, typer.Option(help="JACK: name of the client, [bold]stimlib[/] by default.")] = None,
-    connect: Connect = [],
-    channels: Channels = None,
+    connect: opt.Connect = [],
+    channels: opt.Channels = None,
     block: Annotated[int | None, typer.Option(help="Frames per block, where the device lets one choose.")] = None,
     fast: Annotated[
         bool, typer.Option("--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes.")
     ] = False,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
-    fs: DeviceRate = 8000.0,
-    set_: SessionParams = [],
-    seed: Seed = 0,
-    log: Log = None,
-    quiet: Quiet = False,
-    import_: Import = [],
+    fs: opt.DeviceRate = 8000.0,
+    set_: opt.SessionParams = [],
+    seed: opt.Seed = 0,
+    log: opt.Log = None,
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
 ):
     """Play a scene on a device, with the safety stage around it.  Ctrl-C fades out.
 
@@ -117,17 +95,17 @@ def play(
     made = scene_of(scene)
     motion, recorded = motions(made, contact=touching(scene))
     options: dict[str, Any] = {"motion": motion, "seed": seed, "params": params_of(set_), "log": log}
-    if fast and sink == Sinks.jack:
+    if fast and sink == "jack":
         raise BadValue("--fast: a JACK server has its own pace")
     for option, given in (("--connect", connect), ("--client", client)):
-        if given and sink != Sinks.jack:
+        if given and sink != "jack":
             raise BadValue(f"{option}: is for --sink jack, not for {sink}")
     playing: Any
-    if sink == Sinks.jack:
+    if sink == "jack":
         from ..devices.jack import JackSink
 
         playing = JackSink(made, safety(), name=client or "stimlib", server=device, connect=_ports(connect), **options)
-    elif sink == Sinks.portaudio:
+    elif sink == "portaudio":
         from ..devices.portaudio import PortAudioSink
 
         name = int(device) if device is not None and device.isdecimal() else device
@@ -160,7 +138,7 @@ def play(
 @command("devices")
 def devices(
     server: Annotated[str | None, typer.Option(help="Name of the JACK server; JACK's own default otherwise.")] = None,
-    json_: Json = False,
+    json_: opt.Json = False,
 ):
     """What a scene can be played on here, why not on the rest, and how to get it.
 
@@ -176,20 +154,14 @@ def devices(
         out.print(f"{d.what}: {d.how}", markup=False, highlight=False, soft_wrap=True)
 
 
-class Loops(StrEnum):
-    """What can play and record at once."""
-
-    jack = "jack"
-
-
 @command("loopback", safety=safety_of, motions=motions_of)
 def loopback(
     scene: SceneText,
     safety: Any,
     motions: Any,
-    sink: Annotated[Loops, typer.Option(help="What plays and records.")] = Loops.jack,
+    sink: Annotated[Literal["jack"], typer.Option(help="What plays and records.")] = "jack",
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
-    connect: Connect = [],
+    connect: opt.Connect = [],
     capture: Annotated[
         list[str],
         typer.Option(
@@ -200,13 +172,13 @@ def loopback(
     tolerance: Annotated[
         float, typer.Option(help="Of a cable: largest difference after gain and delay, relative to the signal.")
     ] = 0.05,
-    channels: Channels = None,
-    seconds: Length = None,
-    fs: DeviceRate = 8000.0,
-    set_: SessionParams = [],
-    seed: Seed = 0,
-    log: Log = None,
-    import_: Import = [],
+    channels: opt.Channels = None,
+    seconds: opt.Length = None,
+    fs: opt.DeviceRate = 8000.0,
+    set_: opt.SessionParams = [],
+    seed: opt.Seed = 0,
+    log: opt.Log = None,
+    import_: opt.Import = [],
 ):
     """Play, record what arrives, compare it with the offline render, measure the delay.  Exit status 1 when it differs.
 

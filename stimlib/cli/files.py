@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import shown
-from .app import FileParams, Import, Length, Quiet, Rate, Seed, command, end, errors, note, print_wide
+from . import options as opt
+from .app import command, end, errors, note, print_wide
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
@@ -47,10 +48,10 @@ def render_(
     scene: SceneText,
     out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
     motions: Any,
-    seconds: Length = None,
-    fs: Rate = 8000.0,
-    set_: FileParams = [],
-    seed: Seed = 0,
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
+    set_: opt.FileParams = [],
+    seed: opt.Seed = 0,
     full_scale: Annotated[
         float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
     ] = None,
@@ -58,8 +59,8 @@ def render_(
     picture: Annotated[
         Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")
     ] = None,
-    quiet: Quiet = False,
-    import_: Import = [],
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
@@ -100,12 +101,12 @@ def render_set_(
     contact: Annotated[
         bool, typer.Option("--contact", help="The bumps rest while the finger is lifted; for recordings with lifts.")
     ] = False,
-    seconds: Length = None,
-    fs: Rate = 8000.0,
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
     repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
     seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
     workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
-    quiet: Quiet = False,
+    quiet: opt.Quiet = False,
 ):
     """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
 

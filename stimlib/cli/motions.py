@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from ..core.scene import Scene
 from ..errors import BadValue
-
-
-class Reports(StrEnum):
-    """What silence of a recording device means."""
-
-    always = "always"
-    on_change = "on_change"
-
-
-class Repeats(StrEnum):
-    """What several reports of a recording with one time stamp mean."""
-
-    spread = "spread"
-    last = "last"
-    mean = "mean"
 
 
 def motions_of(
@@ -54,11 +38,11 @@ def motions_of(
         str, typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
     ] = "t_s",
     reports: Annotated[
-        Reports,
+        Literal["always", "on_change"],
         typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still)."),
-    ] = Reports.always,
+    ] = "always",
     repeats: Annotated[
-        Repeats | None,
+        Literal["spread", "last", "mean"] | None,
         typer.Option(
             help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next "
             "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal.",
@@ -95,8 +79,8 @@ def motions_of(
                 parse_map(map_),
                 where=parse_where(where) if where else None,
                 time=time,
-                reports=reports.value,
-                repeats=None if repeats is None else repeats.value,
+                reports=reports,
+                repeats=repeats,
                 max_speed=max_speed,
                 max_gap=max_gap,
             )

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import BadValue
-from .app import Import, Json, command, end, print_json, print_wide
+from . import options as opt
+from .app import command, end, print_json, print_wide
 from .motions import motions_of
 from .scene import run_files, scene_of, touching
 
@@ -33,8 +34,8 @@ def verify_(
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
-    import_: Import = [],
-    json_: Json = False,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
 ):
     """Prove that a file, or a session's log, is what scene and motion ask for.  Exit status 1 when a check fails.
 
@@ -89,7 +90,7 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
     ] = None,
-    import_: Import = [],
+    import_: opt.Import = [],
 ):
     """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
 

@@ -12,18 +12,19 @@ from rich.console import Console
 
 from ..core.scene import Scene
 from ..errors import shown
-from .app import Import, Json, Rate, command, print_json
+from . import options as opt
+from .app import command, print_json
 from .scene import SceneText, run_files, scene_of, shipped
 
 
 @command("show")
 def show(
     scene: SceneText,
-    fs: Rate = 8000.0,
+    fs: opt.Rate = 8000.0,
     draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
-    import_: Import = [],
-    json_: Json = False,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
 ):
     """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
 
@@ -48,7 +49,7 @@ def show(
 
 
 @command("list")
-def list_(json_: Json = False):
+def list_(json_: opt.Json = False):
     """The shipped scenes, with their parameters, and the motions that render understands."""
     from ..motion.generators import GENERATORS
 
