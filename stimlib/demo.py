@@ -14,8 +14,8 @@ from typing import NamedTuple
 from .analysis.listen import listen
 from .analysis.picture import picture
 from .checks.verify import verify
+from .core import regular
 from .core.scene import Scene
-from .errors import SinkError
 from .files.audio import write
 from .motion.generators import Motion, jittered, minimum_jerk, quantised
 from .run.processor import compile
@@ -112,11 +112,7 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Show
     >>> first.name, first.passed, [path.name for path, _, _ in first.files]
     ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
-        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}; name another") from e
+    folder = regular.make_folder(folder)
     workers = min(workers or os.cpu_count() or 1, len(STIMULI))
     if workers == 1:
         yield from map(partial(show, folder), STIMULI)

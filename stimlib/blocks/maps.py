@@ -29,14 +29,17 @@ class Where(Map):
 
 
 @dataclass(frozen=True, eq=False)
-class Maximum(Map):
-    """The larger of two signals of one unit; nan if the first is."""
-
+class _OneOf(Map, abstract=True):
     a: Block
     b: Block
 
     def units(self, *u):
         return same_unit("compare", self.a, self.b, *u)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum(_OneOf):
+    """The larger of two signals of one unit; nan if the first is."""
 
     @staticmethod
     def step(p, s, a, b):
@@ -44,14 +47,8 @@ class Maximum(Map):
 
 
 @dataclass(frozen=True, eq=False)
-class Minimum(Map):
+class Minimum(_OneOf):
     """The smaller of two signals of one unit; nan if the first is."""
-
-    a: Block
-    b: Block
-
-    def units(self, *u):
-        return same_unit("compare", self.a, self.b, *u)
 
     @staticmethod
     def step(p, s, a, b):
@@ -72,7 +69,10 @@ class Sqrt(Map):
         return maths.sqrt(x), s
 
 
+@dataclass(frozen=True, eq=False)
 class _Transcendental(Map, abstract=True):
+    x: Block
+
     def units(self, *u):
         if u[0] != un.ONE:
             raise UnitError(f"{type(self).__name__.lower()} of {self.children[0]!r} [{u[0]}]: the argument must have no unit")
@@ -83,8 +83,6 @@ class _Transcendental(Map, abstract=True):
 class Exp(_Transcendental):
     """exp(x) of a signal without unit."""
 
-    x: Block
-
     @staticmethod
     def step(p, s, x):
         return maths.exp(x), s
@@ -93,8 +91,6 @@ class Exp(_Transcendental):
 @dataclass(frozen=True, eq=False)
 class Log(_Transcendental):
     """Natural logarithm of a signal without unit; -inf at 0, nan below."""
-
-    x: Block
 
     @staticmethod
     def step(p, s, x):
@@ -105,8 +101,6 @@ class Log(_Transcendental):
 class Sin(_Transcendental):
     """sin(x), x in rad."""
 
-    x: Block
-
     @staticmethod
     def step(p, s, x):
         return maths.sin(x), s
@@ -116,8 +110,6 @@ class Sin(_Transcendental):
 class Cos(_Transcendental):
     """cos(x), x in rad."""
 
-    x: Block
-
     @staticmethod
     def step(p, s, x):
         return maths.cos(x), s
@@ -126,8 +118,6 @@ class Cos(_Transcendental):
 @dataclass(frozen=True, eq=False)
 class Tanh(_Transcendental):
     """tanh(x) of a signal without unit: a soft clip."""
-
-    x: Block
 
     @staticmethod
     def step(p, s, x):

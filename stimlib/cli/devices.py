@@ -64,9 +64,7 @@ def play(
     scene: SceneText,
     safety: Any,
     motions: Any,
-    sink: Annotated[
-        Literal["null", "jack", "portaudio"], typer.Option(help="What plays ([bold]stimlib devices[/].")
-    ] = "null",
+    sink: Annotated[Literal["null", "jack", "portaudio"], typer.Option(help="What plays: [bold]stimlib devices[/].")] = "null",
     device: Annotated[
         str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device, part of it, or its number.")
     ] = None,

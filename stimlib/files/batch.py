@@ -113,11 +113,7 @@ def render_set(
         raise BadValue(f"render_set: {wrong[0]!r} is not a plain file name")
     if repetitions < 1:
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
-        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}") from e
+    folder = regular.make_folder(folder)
     jobs = {
         name: (folder / (name + suffix), scene.to_dict(), dict(motion), seconds, fs, seed, full_scale)
         for name, scene in scenes.items()

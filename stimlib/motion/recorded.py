@@ -29,35 +29,31 @@ from .text import MAX_SPEC, parse_motion
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
-class RecordedInput(Motion):
-    """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
+class _Recorded(Motion):
+    """What is recorded from knot to knot; its repr makes it again."""
 
     info: Mapping[str, Any]
 
-    def __init__(self, knots: Array, coefficients: Array, spec: str):
-        self._knots, self._coefficients, self._spec = knots, coefficients, spec
+    def __init__(self, knots: Array, values: Array | Mask, spec: str):
+        self._knots, self._values, self._spec = knots, values, spec
 
     def __repr__(self) -> str:
         return self._spec
+
+
+class RecordedInput(_Recorded):
+    """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
         k = np.searchsorted(self._knots, t, side="right") - 1
         u = t - self._knots[k]
-        c3, c2, c1, c0 = (c[k] for c in self._coefficients)
+        c3, c2, c1, c0 = (c[k] for c in self._values)
         return ((c3 * u + c2) * u + c1) * u + c0
 
 
-class Contact(Motion):
+class Contact(_Recorded):
     """1 in contact and 0 off contact, as a function of time."""
-
-    info: Mapping[str, Any]
-
-    def __init__(self, knots: Array, values: Mask, spec: str):
-        self._knots, self._values, self._spec = knots, values, spec
-
-    def __repr__(self) -> str:
-        return self._spec
 
     def _position(self, t: Array) -> Array:
         k = np.searchsorted(self._knots, t, side="right") - 1
