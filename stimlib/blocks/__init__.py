@@ -5,12 +5,7 @@ from .actuator import force_limit, motor_current, skin_drive, slew_limit, static
 from .bump import bump
 from .carrier import carrier
 from .continuous import equal_force, springpot_stiffness
-from .creep import (
-    compliance,
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-)
+from .creep import compliance, compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from .delay import delay
 from .equalise import equalize
 from .fir import differentiator, fir

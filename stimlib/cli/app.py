@@ -19,11 +19,7 @@ from rich.console import Console
 from ..errors import StimlibError, shown
 from ..version import __version__
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="rich",
-    pretty_exceptions_show_locals=False,
-)
+app = typer.Typer(no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False)
 errors = Console(stderr=True)
 
 

@@ -17,9 +17,6 @@ import numpy as np
 from ..errors import BadValue
 from ..motion.source import check_names, positions, sources_of
 
-AHEAD = 0.5
-"""Seconds that a scripted source is computed before its samples run."""
-
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
