@@ -634,7 +634,8 @@ def test_play_with_outputs_of_different_units(tmp_path):
 
 @pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
-    from stimlib.files.log import delivered, read_log, replay
+    from stimlib.files.replay import delivered, replay
+    from stimlib.files.session import read_log
 
     log = tmp_path / "a.stimlog"
     words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]

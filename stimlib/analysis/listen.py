@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue
-from ..files.audio import FileReport, write_frames
+from ..files.audio import write_frames
+from ..files.sidecar import FileReport
 from ..run.rendering import Rendering
 
 PEAK = 0.5  # of full scale, -6 dBFS

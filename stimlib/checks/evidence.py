@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,11 @@ from ..core.program import ROOT, lower
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
+from ..files.audio import read
 from ..motion.source import positions, sources_of
-from ..run.processor import Processor, compile
+from ..run.processor import Change, Processor, compile
 from ..run.rendering import Rendering
+from ..run.walk import samples
 from . import laws
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
@@ -87,7 +88,7 @@ class Evidence:
     """By output, what a law gives for every sample, and how far from it a correct rendering may be."""
     numbers: list[str] = field(default_factory=list)  # that stand in the graph alone, as the law reads them
     skipped: list[str] = field(default_factory=list)
-    changes: list[tuple[int, str, float, float]] = field(default_factory=list)  # Processor.set at a sample: name, value, ramp
+    changes: list[Change] = field(default_factory=list)  # of parameters, also those made before sample 0
     path: Path | None = None  # of the file
     told: Any = None  # the fault that a rendering in memory tells
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
@@ -109,9 +110,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
         if rendering.outputs != tuple(scene.outputs) or shown.shape[:1] != (len(scene.outputs),) or shown.dtype != np.float64:
             raise BadValue(f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one float64 row for each")
     else:
-        from ..files import audio as file
-
-        shown, sidecar = file.read(rendering)
+        shown, sidecar = read(rendering)
         fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
         source = Path(rendering).name
         if sidecar["scene_hash"] != scene.hash:
@@ -124,11 +123,11 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     if sidecar is not None and (late := [change["at"] for change in sidecar["log"] if change["at"]]):
         raise BadValue(f"{rendering} begins at sample 0, and its sidecar tells of a change at sample {late[0]}: it was edited")
     proc = compile(scene, fs, seed=seed)
-    changes: list[tuple[int, str, float, float]] = []
-    if sidecar is not None:  # of several at one sample the last holds
-        changes = [(0, c["name"], c["value"], c["ramp"]) for c in {c["name"]: c for c in sidecar["log"]}.values()]
-        params = at_first(proc, changes)
-    settle(proc, params, sidecar)
+    if sidecar is None:
+        changes = [Change(0, name, value, 0.0) for name, value in params.items()]
+    else:
+        changes = last_of(Change(**c) for c in sidecar["log"])
+    params = at_first(proc, changes)
     frames = shown.shape[1]
     if not frames:
         raise BadValue("there is no sample to verify")
@@ -136,8 +135,7 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     x = positions(sources, 0, frames, fs)
     augmented, found = with_taps(scene, fs)
     watch = compile(augmented, fs, seed=seed)
-    settle(watch, params, sidecar)
-    seen = watch.process(x)
+    seen = samples(watch, x, frames, changes)
     e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
     e.changes = changes
     e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
@@ -156,19 +154,14 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
         e.whites[name] = y.copy()
 
 
-def at_first(proc: Processor, changes: list[tuple[int, str, float, float]]) -> dict[str, float]:
+def last_of(changes: Iterable[Change]) -> list[Change]:
+    """Of several changes of a parameter at one sample the last holds."""
+    return list({(c.at, c.name): c for c in changes}.values())
+
+
+def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
     """The parameters of a new processor at its first sample: those that a change sets at once, and where ramps begin."""
-    return dict(proc.params) | {name: value for at, name, value, ramp in changes if at == 0 and ramp * proc.fs <= 1}
-
-
-def settle(proc: Processor, params: dict[str, float], sidecar: dict[str, Any] | None) -> None:
-    """The parameters as they were when the rendering began: set at once, or along the ramps that were logged."""
-    if sidecar is None:
-        for name, value in params.items():
-            proc.set(name, value, ramp=0.0)
-    else:
-        for change in sidecar["log"]:
-            proc.set(change["name"], change["value"], change["ramp"])
+    return dict(proc.params) | {c.name: c.value for c in changes if c.at == 0 and c.ramp * proc.fs <= 1}
 
 
 def with_taps(scene: Scene, fs: float):
@@ -218,30 +211,12 @@ def noise_model(root: Block, fs: float):
     return psd, max((f[0] for f in bands if f[0] > 1), default=1.0), min((f[-1] for f in bands), default=fs / 2)
 
 
-def change(proc: Processor, changes: list[tuple[int, str, float, float]], at: int) -> None:
-    """What is set right before sample at."""
-    for change in changes:
-        if change[0] == at:
-            proc.set(*change[1:])
-
-
-def drive(proc: Processor, x: np.ndarray, changes: list[tuple[int, str, float, float]], start: int = 0) -> np.ndarray:
-    """The outputs for the motion of samples from start on, parameters set where they were."""
-    end = start + x.shape[1]
-    edges = sorted({start, end} | {c[0] for c in changes if start < c[0] < end})
-    y = np.empty((len(proc.outputs), end - start))
-    for at, stop in pairwise(edges):
-        change(proc, changes, at)
-        y[:, at - start : stop - start] = proc.process(np.ascontiguousarray(x[:, at - start : stop - start]))
-    return y
-
-
 def live(e: Evidence, name: str) -> np.ndarray:
     """A parameter at every sample, its ramps written again as straight lines."""
     n = e.x.shape[1]
-    y, changes = np.full(n, e.params[name]), [c for c in e.changes if c[1] == name and c[0] < n]
+    y, changes = np.full(n, e.params[name]), [c for c in e.changes if c.name == name and c.at < n]
     for k, (at, _, target, ramp) in enumerate(changes):
-        end = changes[k + 1][0] if k + 1 < len(changes) else n
+        end = changes[k + 1].at if k + 1 < len(changes) else n
         share = np.minimum(np.arange(1, end - at + 1) / max(1, round(ramp * e.fs)), 1.0)
         before = y[at - 1] if at else e.params[name]
         y[at:end] = np.where(share < 1, before + (target - before) * share, target)

@@ -12,8 +12,9 @@ from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import compile
+from ..run.walk import samples
 from . import laws
-from .evidence import Check, Evidence, Tap, drive, live
+from .evidence import Check, Evidence, Tap, live
 
 
 def scene_law(e: Evidence) -> list[Check]:
@@ -43,7 +44,7 @@ def _squeeze(e: Evidence) -> list[Check]:
     quiet = compile(e.scene, e.fs, seed=e.seed)
     for name, value in (e.params | {"A": 0.0}).items():
         quiet.set(name, value, ramp=0.0)
-    mean = drive(quiet, e.x, [c for c in e.changes if c[1] != "A"])
+    mean = samples(quiet, e.x, e.x.shape[1], [c for c in e.changes if c.name != "A"])
     for i, (name, root) in enumerate(e.scene.outputs.items()):
         if not name.startswith("force"):
             e.skipped.append(f"{name}: no law of it is known")
@@ -65,7 +66,7 @@ def _squeeze(e: Evidence) -> list[Check]:
         limits = f", held to {' and '.join(_limits(root))}" if _limits(root) else ""
         e.numbers.append(f"{name}: velocity through {cutoff:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s{limits}")
         scale = max(np.abs(finger.force).max(), 1e-300)
-        steps = max((c[3] * e.fs for c in e.changes if c[1] == "k"), default=0.0)  # of a ramp: each is rounded
+        steps = max((c.ramp * e.fs for c in e.changes if c.name == "k"), default=0.0)  # of a ramp: each is rounded
         apart = float(np.abs(mean[i] - quiet_want).max() / scale)
         checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps + slack, "A = 0, relative"))
         noise = np.abs(finger.force - finger.mean).max()
@@ -193,7 +194,7 @@ def _signal(e: Evidence, b: Block) -> np.ndarray:
     for name in proc.params:
         proc.set(name, e.params[name], ramp=0.0)
     x = np.array([e.x[e.proc.inputs.index(name)] for name in proc.inputs]).reshape(len(proc.inputs), e.x.shape[1])
-    return drive(proc, x, [c for c in e.changes if c[1] in proc.params])[0]
+    return samples(proc, x, x.shape[1], [c for c in e.changes if c.name in proc.params])[0]
 
 
 def _gain(root: Block, spring: Block) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..files.log import Hashes, MotionFile, SessionLog, blocks, changed_motion, delivered, motion_of, processor
+from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
+from ..files.session import MotionFile, SessionLog
 from ..run.safety import Watch, protect, to_device
-from .evidence import Check, Evidence, at_first, keep_taps, with_taps
+from ..run.walk import samples, walk
+from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
@@ -66,17 +69,17 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
 
 def _evidence(log: SessionLog) -> Evidence:
     augmented, found = with_taps(log.scene, log.fs)
-    rows = len(augmented.outputs) + 5 * len(log.outputs) + 2 * len(log.inputs)  # what is kept below and while it is compared
+    # what is kept below and while it is compared
+    rows = len(augmented.outputs) + 4 * len(log.outputs) + 2 * len(log.inputs) + len(log.channels) / 2
     limits.check("render_bytes", 8.0 * rows * log.frames, f"{log.folder}: bytes of the samples to verify", SinkError)
-    seen = np.hstack([y for _, y in blocks(log, processor(log, augmented))])
-    shown = np.hstack([y for _, y in blocks(log, processor(log, log.scene))])
-    proc = processor(log, log.scene)
-    last = {(c.at, c.data["name"]): c.data for c in log.changes if c.data["name"] in proc.params and c.at < log.frames}
-    changes = [(at, name, d["value"], d["ramp"] / log.fs) for (at, name), d in last.items()]
+    proc, watched = processor(log, log.scene), processor(log, augmented)
+    seen = samples(watched, motion_of(log, watched), log.frames, changes_of(log, watched))
+    changes = last_of(c for c in changes_of(log, proc) if c.at < log.frames)
     params = at_first(proc, changes)
-    x = motion_of(log, proc, 0, log.frames)
+    rows_at = motion_of(log, proc)
+    x = rows_at(0, log.frames) if callable(rows_at) else rows_at
     y, motion = seen[: len(log.outputs)].copy(), dict(zip(proc.inputs, x, strict=True))
-    e = Evidence(log.scene, proc, log.fs, log.seed, params, x, y, shown, log.folder.name, None, motion)
+    e = Evidence(log.scene, proc, log.fs, log.seed, params, x, y, y, log.folder.name, None, motion)
     e.changes, e.session = changes, True
     keep_taps(e, seen, found)
     return e
@@ -95,39 +98,40 @@ def _lawful(e: Evidence, log: SessionLog) -> tuple[Evidence, int]:
     return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}, wanted={}), cut
 
 
-def _unguarded(e: Evidence, log: SessionLog) -> np.ndarray:
-    """The verified samples as the safety stage gets them: from a fault on it has its own guard."""
-    proc, y = processor(log), e.shown.copy()
-    for _ in blocks(log, proc):
-        pass
-    for name, at in Watch(proc).faults().items():
-        y[log.outputs.index(name), at:] = np.nan
-    return y
+def _made_safe(y: np.ndarray, log: SessionLog, faults: dict[str, int]) -> Iterator[tuple[int, np.ndarray]]:
+    """The verified samples through a safety stage of their own: (at, frames (n, channels)), as a device gets them.
+
+    From a fault on, the stage of the session had what came before its own guard: not a number.
+    """
+    names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
+    inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
+    proc = processor(log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety))
+    y, scales = y[[int(name[1:]) for name in proc.inputs]], log.safety.scales(log.outputs)
+    for name, at in faults.items():
+        if (row := f"y{log.outputs.index(name)}") in proc.inputs:
+            y[proc.inputs.index(row), at:] = np.nan
+    for at, part in walk(proc, y, log.frames, changes_of(log, proc)):
+        yield at, to_device(part, scales, log.channels)
 
 
 def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
     """What the device got, in three steps: accounted for, equal to the replay, equal to the verified samples made safe."""
-    names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
-    inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
-    stage = protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety)
-    fed = dc.replace(log, motion=_unguarded(e, log).T, inputs=tuple(names))
-    safe, scales = blocks(fed, processor(fed, stage)), log.safety.scales(log.outputs)
-    hashes, differ, end, queue = Hashes(log.spans), 0, 0, np.empty((0, len(log.channels)), np.float32)
-    for at, frames, given in delivered(log):
-        while len(queue) < len(frames):
-            queue = np.vstack([queue, to_device(next(safe)[1], scales, log.channels)])
-        differ += int(np.sum(queue[: len(frames)].view(np.uint32) != frames.view(np.uint32)))
-        queue = queue[len(frames) :]
+    proc, hashes, end = processor(log), Hashes(log.spans), 0
+    replayed = np.empty((log.frames, len(log.channels)), np.float32)
+    for at, frames, given in delivered(log, proc=proc):
+        end = at + len(frames)
+        replayed[at:end] = frames
         if given:
             hashes.add(at, frames)
-        end = at + len(frames)
+    safe = _made_safe(e.y, log, Watch(proc).faults())
+    differ = sum(int(np.sum(y.view(np.uint32) != replayed[at : at + len(y)].view(np.uint32))) for at, y in safe)
     missing = log.logged - end
     wrong = len(hashes.wrong) + len(log.spans) - hashes.done
     first = f", the first of frames {hashes.wrong[0][0]} to {hashes.wrong[0][1]}" if hashes.wrong else ""
     changed, rows = len(changed_motion(log)), sum(s.to <= len(log.motion) for s in log.motion_spans)
     if log.report is not None and isinstance(log.motion, MotionFile):  # a session that ended has all of it under a hash
         changed += log.motion.beyond(log.motion_spans[-1].to if log.motion_spans else 0) != 0
-    units = int(log.header["units"] != processor(log).units)
+    units = int(log.header["units"] != proc.units)
     checks = [
         Check("b", "log: delivered = replay", wrong, 0, f"hashes that differ, of {len(log.spans)}{first}"),
         Check("b", "log: replay = these samples made safe", differ, 0, "delivered samples whose bits differ"),

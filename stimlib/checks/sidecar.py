@@ -10,7 +10,8 @@ import numpy as np
 
 from ..core import definitions
 from ..errors import shown
-from ..files import audio as file
+from ..files.formats import stored
+from ..files.sidecar import describe
 from ..version import __version__
 from .evidence import Check, Evidence
 
@@ -36,7 +37,7 @@ def says(e: Evidence) -> list[Check]:
     found = sf.info(e.path)
     channels = told["channels"]
     recovered = "recovered" in told
-    signal = file.stored(e.y, told) if recovered else e.y  # of a run that was killed, the peak is of what is stored
+    signal = stored(e.y, told) if recovered else e.y  # of a run that was killed, the peak is of what is stored
     keys = {"name", "unit", "full_scale", "clips", "peak"}
     pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
         "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
@@ -75,7 +76,7 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
             f"hash of the signal: the run was killed after {told['frames']} of {told['recovered'].get('frames')} samples"
         )
     for name, source in e.motion.items():
-        there, here = told["motion"].get(name), file._describe(source if callable(source) else np.asarray(source))
+        there, here = told["motion"].get(name), describe(source if callable(source) else np.asarray(source))
         if there != here:
             e.skipped.append(f"motion of {name}: the sidecar says {shown(there)}, it was verified with {shown(here)}")
         length = getattr(source, "info", {}).get("duration") if callable(source) else len(source) / e.fs

@@ -144,6 +144,6 @@ def recover(
 
     [bold]stimlib recover squeeze.wav[/]
     """
-    from ..files.audio import recover as recover_file
+    from ..files.publish import recover as recover_file
 
     print(recover_file(file, out))

@@ -50,7 +50,7 @@ def verify_(
     [bold]stimlib verify --log monday.stimlog[/]
     """
     run_files(import_)
-    from ..files.audio import FORMATS
+    from ..files.formats import FORMATS
 
     if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
         if wav is not None:
@@ -61,7 +61,7 @@ def verify_(
         if wav is not None or given:
             raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
         from ..checks.session import verify_log
-        from ..files.log import read_log
+        from ..files.session import read_log
 
         expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
         result = verify_log(read_log(log), expected)
@@ -97,8 +97,8 @@ def replay(
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     run_files(import_)
-    from ..files.log import read_log
-    from ..files.log import replay as replay_log
+    from ..files.replay import replay as replay_log
+    from ..files.session import read_log
 
     result = replay_log(read_log(log), out)
     print(result)

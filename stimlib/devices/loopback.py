@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
-from ..files.log import delivered, read_log
+from ..files.replay import delivered
+from ..files.session import read_log
 from ..run.safety import Safety
 from .jack import INSTALL, JackSink, _jack
 from .pump import _native

@@ -16,8 +16,9 @@ from ..core.bounds import limits
 from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, MissingPackage, UnknownName
-from ..motion.source import Array, Motion, frames_of, positions, sources_of
+from ..motion.source import Motion, frames_of, sources_of
 from .processor import Processor
+from .walk import rows_of, samples, walk
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,16 +30,6 @@ def fault_text(name: str, at: int, fs: float, then: str) -> str:
     """What a fault is, what became of it, and where to look."""
     remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
-
-
-def pull(proc: Any, sources: dict[str, Any], frames: int, block: int) -> Iterator[Array]:
-    """Blocks (n_outputs, n) of a processor along a motion that ``sources_of`` has checked; each is valid until the next."""
-    y = np.empty((len(proc.outputs), min(block, frames)))
-    for start in range(0, frames, block):
-        stop = min(start + block, frames)
-        if stop - start != y.shape[1]:
-            y = np.empty((len(proc.outputs), stop - start))
-        yield proc.process(positions(sources, start, stop, proc.fs), y)
 
 
 def stream(proc: Processor, motion: Motion, seconds: float | None = None, block: int = 8192) -> Iterator[np.ndarray]:
@@ -72,7 +63,7 @@ def stream(proc: Processor, motion: Motion, seconds: float | None = None, block:
     100
     """
     frames, sources = _plan(proc, motion, seconds)
-    return pull(proc, sources, frames, block)
+    return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=block))
 
 
 def _plan(proc: Processor, motion: Motion, seconds: float | None) -> tuple[int, dict[str, Any]]:
@@ -150,7 +141,7 @@ class Rendering:
 
         Returns
         -------
-        stimlib.files.audio.FileReport
+        stimlib.files.sidecar.FileReport
 
         Raises
         ------
@@ -328,11 +319,7 @@ def render(
     frames, sources = _plan(proc, motion, seconds)
     limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
     warn_beyond(proc.program, proc.fs, frames)
-    y = np.empty((len(proc.outputs), frames))
-    at = 0
-    for part in pull(proc, sources, frames, 8192):
-        y[:, at : at + part.shape[1]] = part
-        at += part.shape[1]
+    y = samples(proc, rows_of(sources, proc.fs), frames)
     made = Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))
     made._tell(on_fault)
     return made

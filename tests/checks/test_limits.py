@@ -12,12 +12,14 @@ import stimlib
 from stimlib.analysis import spectra
 from stimlib.blocks.modes import PinkNoise
 from stimlib.checks import evidence, laws, noise, scenes, sidecar, verify
-from stimlib.checks.evidence import Check, drive
+from stimlib.checks.evidence import Check
 from stimlib.checks.report import GROUPS, Report
 from stimlib.design import responses
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
+from stimlib.run.processor import Change
+from stimlib.run.walk import samples
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 INSIDE, OUTSIDE = 0.97, 1.03  # of the limit
@@ -218,8 +220,8 @@ class TestSqueeze:
     def test_mean_part_while_k_is_on_a_ramp(self, monkeypatch):
         """Each of the ramp's steps may round, by half a unit of the last place or so."""
         e = gathered(squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)})
-        e.changes = [(100, "k", 2345.0, 0.5)]
-        e.y = drive(_again(e), e.x, e.changes)
+        e.changes = [Change(100, "k", 2345.0, 0.5)]
+        e.y = samples(_again(e), e.x, e.x.shape[1], e.changes)
         assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
         honest = laws.squeeze_finger
         for size, good in ((0.9, True), (1.1, False)):

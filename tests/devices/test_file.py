@@ -23,11 +23,12 @@ from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import exp, log, lut, sqrt, white_noise
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
 from stimlib.files import audio as file
+from stimlib.files.formats import FORMATS, MAX_WAV, check_format
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import squeeze
 
-KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
+KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
 MOTION = {"x": sinusoid(0.02, 3.0)}
 
 
@@ -331,7 +332,7 @@ def test_import_is_light():
 @pytest.fixture
 def old(tmp_path):
     """A folder with a file and its sidecar that must survive."""
-    for format in file.FORMATS:
+    for format in FORMATS:
         file.write(tmp_path / f"a.{format.lower()}", forces(2, noise=1.0), MOTION, 0.1, full_scale=64.0)
     return tmp_path
 
@@ -340,7 +341,7 @@ ERRORS = [KeyboardInterrupt(), SystemExit(3), MemoryError(), ValueError("mine"),
 ERRORS += [AssertionError("mine")]  # soundfile's own are errors of the disk
 
 
-@pytest.mark.parametrize("format", file.FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("error", ERRORS, ids=repr)
 def test_an_exception_leaves_the_old_file(old, format, error):
     path, proc = old / f"a.{format.lower()}", forces(2)
@@ -610,11 +611,11 @@ def test_wav_beyond_4_gib_is_refused_at_once(tmp_path):
         file.write(tmp_path / "a.wav", proc, MOTION, 1500.0, subtype="DOUBLE")
     assert "WAV holds at most 4 GiB, this needs 4.29 GiB: write .rf64, .w64 or .caf" in str(info.value)
     assert proc.index == 0
-    most = file.MAX_WAV // 64
-    file._check_format("WAV", "DOUBLE", 48000.0, 8, most)
-    file._check_format("RF64", "DOUBLE", 48000.0, 8, most + 1)
+    most = MAX_WAV // 64
+    check_format("WAV", "DOUBLE", 48000.0, 8, most)
+    check_format("RF64", "DOUBLE", 48000.0, 8, most + 1)
     with pytest.raises(SinkError):
-        file._check_format("WAV", "DOUBLE", 48000.0, 8, most + 1)
+        check_format("WAV", "DOUBLE", 48000.0, 8, most + 1)
 
 
 @pytest.mark.parametrize(
@@ -715,7 +716,7 @@ def test_unwritable_folder():
 # -- reading
 
 
-@pytest.mark.parametrize("format", file.FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_truncated_files(old, format):
     path = old / f"a.{format.lower()}"
     data = path.read_bytes()
@@ -726,7 +727,7 @@ def test_truncated_files(old, format):
         assert str(path) in str(info.value)
 
 
-@pytest.mark.parametrize("format", file.FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_a_changed_file_is_noticed(old, format):
     path = old / f"a.{format.lower()}"
     data = bytearray(path.read_bytes())

@@ -24,12 +24,17 @@ from stimlib.core import fields, regular
 from stimlib.errors import SinkError, StimlibError
 from stimlib.files import audio as file
 from stimlib.files.batch import render_set
-from stimlib.files.log import LogWriter, header, read_log, replay
+from stimlib.files.formats import FORMATS, stored
+from stimlib.files.log import LogWriter, header
+from stimlib.files.publish import recover
+from stimlib.files.replay import replay
+from stimlib.files.session import read_log
+from stimlib.files.sidecar import BEGUN, DONE
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 
-KINDS = [(f, s) for f, subtypes in file.FORMATS.items() for s in subtypes]
+KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
 HAND = {"x": sinusoid(0.02, 3.0)}
 OWN = [".part", ".part.json", ".new.part", ".json.part"]  # names beside NAME that stimlib takes for itself
 SCENE = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m") + constant(2.0, "N") * white_noise(seed=3)})
@@ -123,7 +128,7 @@ def test_a_file_that_another_program_changed_gets_no_name(tmp_path, format, subt
 
 def expected(subtype):
     y = spring().process(HAND["x"](np.arange(4000) / 8000)[None])
-    return file.stored(y, {"subtype": subtype, "channels": [{"name": "force", "full_scale": 64.0}]})
+    return stored(y, {"subtype": subtype, "channels": [{"name": "force", "full_scale": 64.0}]})
 
 
 @pytest.mark.parametrize("name", ["a.wav", "a.wav.json"])
@@ -218,7 +223,7 @@ def test_recover_follows_no_link_and_waits_for_no_pipe(tmp_path, name):
     for plant in (lambda: there.symlink_to(aside), lambda: os.mkfifo(there)):
         plant()
         with pytest.raises(SinkError):
-            file.recover(path)
+            recover(path)
         assert aside.read_bytes() == data and not path.exists()
         there.unlink()
 
@@ -253,7 +258,7 @@ def test_names_that_no_file_can_have(tmp_path, name):
     calls = [
         lambda: write(path),
         lambda: file.read(path),
-        lambda: file.recover(path),
+        lambda: recover(path),
         lambda: read_log(path),
         lambda: LogWriter(path, header(SCENE, SAFETY, 8000.0)),
         lambda: render_set(path, {"s": SCENE}, HAND, 0.01, workers=1, progress=False),
@@ -297,7 +302,7 @@ def test_a_sparse_file_is_not_read_for_hours(tmp_path):
         os.truncate(name, len(data) + 4 * frames)
     (tmp_path / "a.caf.json").write_text(json.dumps(sidecar | {"frames": frames}))
     (tmp_path / "b.caf.part.json").write_text(json.dumps(sidecar | {"frames": frames}))
-    for call in (lambda: file.read(path), lambda: file.recover(tmp_path / "b.caf"), lambda: stimlib.verify(SCENE, HAND, path)):
+    for call in (lambda: file.read(path), lambda: recover(tmp_path / "b.caf"), lambda: stimlib.verify(SCENE, HAND, path)):
         with pytest.raises(SinkError, match=r"limits.audio_bytes"):
             call()
 
@@ -344,7 +349,7 @@ def test_fuzzed_sound_files_are_read_or_refused(tmp_path, format, subtype):
         except SinkError as e:
             assert str(path) in str(e)
         try:
-            file.recover(part)
+            recover(part)
             file.read(part.with_suffix(""))
         except SinkError as e:
             assert "b." in str(e)
@@ -379,7 +384,7 @@ def verify_or_refuse(path, info):
     (path.parent / "a.wav.json").write_text(json.dumps(info))
     try:
         _, got = file.read(path)
-        fields.require(got, file.DONE)
+        fields.require(got, DONE)
         if all(got[name] == SAID[name] for name in ("stimlib", "versions", "sha256", "scene")):  # verify does not look at these
             return stimlib.verify(SCENE, {name: parse_motion(text) for name, text in got["motion"].items()}, path)
     except StimlibError as e:
@@ -387,7 +392,7 @@ def verify_or_refuse(path, info):
     return None
 
 
-@pytest.mark.parametrize("name", file.DONE)
+@pytest.mark.parametrize("name", DONE)
 def test_every_field_of_a_sidecar_may_be_wrong(pair, name):
     path, good = pair
     verify_or_refuse(path, {k: v for k, v in good.items() if k != name})
@@ -410,7 +415,7 @@ def begun(tmp_path_factory):
 
 
 @settings(max_examples=150)
-@given(st.sampled_from(sorted(file.BEGUN)), st.sampled_from(JUNK))
+@given(st.sampled_from(sorted(BEGUN)), st.sampled_from(JUNK))
 def test_fuzzed_sidecars_of_killed_runs(begun, name, junk):
     path, files = begun
     for p in path.parent.iterdir():
@@ -420,7 +425,7 @@ def test_fuzzed_sidecars_of_killed_runs(begun, name, junk):
     told = path.parent / "a.wav.part.json"
     told.write_text(json.dumps(json.loads(told.read_text()) | {name: junk}))
     try:
-        assert file.recover(path).frames > 0
+        assert recover(path).frames > 0
         file.read(path)
     except SinkError as e:
         assert str(path) in str(e)

@@ -25,8 +25,11 @@ from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
 from stimlib.files import audio as file
-from stimlib.files.log import LogWriter, delivered, header, read_log, replay
+from stimlib.files.log import LogWriter, header
+from stimlib.files.replay import delivered, replay
+from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
+from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
@@ -105,7 +108,7 @@ def test_a_session_with_changes_and_losses_replays(session, tmp_path):
     log = read_log(folder)
     assert (log.frames, log.logged, log.lost, log.channels) == (8000, 8000, LOST, (1, -1, 0, 1))
     assert log.motion.shape == (8000, 1) and np.array_equal(log.motion.T, motion(8000)) and log.notes == []
-    assert [(e.at, *e.data.values()) for e in log.changes] == SETS
+    assert log.changes == [(at, name, value, ramp / 8000) for at, name, value, ramp in SETS]
     for block in (1, 17, 64, 8192):
         found = replay(log, tmp_path / f"{block}.wav", block)
         assert found.matches and found.wrong == [] and (found.frames, found.lost) == (8000, 579)
@@ -231,7 +234,7 @@ def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, 
     log = read_log(tmp_path / "a")
     honest = scenes.live
     wrong = {"value": (12001, "k", 1501.0, 0.02), "ramp": (12001, "k", 1500.0, 0.020125), "at": (12002, "k", 1500.0, 0.02)}
-    monkeypatch.setattr(scenes, "live", lambda e, name: honest(dc.replace(e, changes=[wrong[what]]), name))
+    monkeypatch.setattr(scenes, "live", lambda e, name: honest(dc.replace(e, changes=[Change(*wrong[what])]), name))
     failed = {c.name for c in verify_log(log).checks if not c.passed}
     assert failed == {"force1: mean part is k x", "force1: vibration law"}
 
@@ -251,7 +254,7 @@ def test_other_laws_follow_changes_too(tmp_path, monkeypatch, law, wrong):
         honest = scenes.live
 
         def dishonest(e, name):
-            some = [(at + (wrong == "at"), n, v * (1 + 1e-3 * (wrong == "value")), r) for at, n, v, r in e.changes]
+            some = [Change(at + (wrong == "at"), n, v * (1 + 1e-3 * (wrong == "value")), r) for at, n, v, r in e.changes]
             return honest(dc.replace(e, changes=some), name)
 
         monkeypatch.setattr(scenes, "live", dishonest)
@@ -631,7 +634,7 @@ def test_a_unit_that_would_be_computed_for_hours(small, text):
 
 
 def test_import_is_light():
-    code = "import stimlib.files.log, sys; print(sorted(sys.modules))"
+    code = "import stimlib.files.log, stimlib.files.session, sys; print(sorted(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
 
@@ -664,7 +667,7 @@ def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
     assert {"set", "lost", "stale", "fresh", "stop", "hash", "motion"} <= kinds, kinds
     assert (log.frames, log.logged) == (report.produced, report.produced) and log.notes == []
     assert sum(n for _, n in log.lost) == report.lost > 0.05 * FS
-    assert {e.data["name"] for e in log.changes} == {GAIN, "k"}
+    assert {c.name for c in log.changes} == {GAIN, "k"}
     found = replay(log, tmp_path / "a.rf64")
     assert found.matches and found.lost == report.lost, str(found)
     assert file.read(tmp_path / "a.rf64")[0].shape == (3, report.delivered)
@@ -730,5 +733,5 @@ def test_a_session_on_a_jack_server_with_changes_and_losses(tmp_path):
     log = read_log(tmp_path / "a.stimlog")
     found, report = replay(log), sink.report()
     assert found.matches and (found.frames, found.lost) == (report.produced, report.lost) and report.lost > 0, str(found)
-    assert sum(e.data["name"] == "k" for e in log.changes) == 8
+    assert sum(c.name == "k" for c in log.changes) == 8
     assert verify_log(log, squeeze()).passed

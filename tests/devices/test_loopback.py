@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from devices.servers import Jackd, needs_jack
 
-import stimlib
 from stimlib import SinkError
 from stimlib.devices.loopback import Loopback, loopback, through
+from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
@@ -74,7 +74,7 @@ def test_loopback_on_a_server(tmp_path):
         result = loopback(squeeze(), 50.0, 48000, 1.0, log=tmp_path / "a.stimlog", **told)
         assert result.passed and result.wrong is None and result.produced == 48000 == result.delivered + result.lost, result
         assert 0 < result.compared <= result.delivered and result.latency > 0
-        assert stimlib.files.log.read_log(tmp_path / "a.stimlog").frames == 48000
+        assert read_log(tmp_path / "a.stimlog").frames == 48000
         ports = ["stimlib:force1", "stimlib:force2"]
         result = loopback(squeeze(), 50.0, 48000, 1.0, capture=ports, **told)
         assert result.passed and (result.latency, result.gain) == (0.0, pytest.approx(1.0, abs=1e-6)), result

@@ -19,7 +19,8 @@ from stimlib.blocks import equalize, lut
 from stimlib.devices.null import NullSink
 from stimlib.errors import StimlibError
 from stimlib.files import audio as file
-from stimlib.files.log import processor, read_log
+from stimlib.files.replay import processor
+from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze, viscoelastic

@@ -18,7 +18,8 @@ from devices.servers import Capture, Jackd
 
 import stimlib
 from stimlib.devices.jack import JackSink
-from stimlib.files import log as logs
+from stimlib.files.replay import delivered, replay
+from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 
@@ -66,8 +67,8 @@ def main(minutes: float) -> None:
         say(f"end       {report}")
         growth = max(memory[len(memory) // 10 :]) - memory[len(memory) // 10]
         say(f"memory grew by {growth:.2f} MiB after the first tenth")
-        log = logs.read_log(folder)
-        again = logs.replay(log)
+        log = read_log(folder)
+        again = replay(log)
         say(f"replay    {again}")
         inside = (index >= 0) & (index < report.produced)
         captured = np.zeros(report.produced, bool)
@@ -76,9 +77,9 @@ def main(minutes: float) -> None:
         wrong, late = 0, 0
         by_index = np.full(report.produced, -1, np.int64)
         by_index[index[inside]] = start + np.flatnonzero(inside[start:])
-        for at, part, delivered in logs.delivered(log):
+        for at, part, given in delivered(log):
             places = by_index[at : at + len(part)]
-            if delivered:
+            if given:
                 there = places >= 0
                 late += int((~there).sum())
                 wrong += int((frames[places[there]] != part[there]).any(axis=1).sum())

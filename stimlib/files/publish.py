@@ -1,0 +1,272 @@
+"""A file and its sidecar come to their places together, or not at all; and what a killed run left becomes a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import regular
+from ..core.bounds import limits
+from ..errors import SinkError
+from .draft import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
+from .formats import JOURNAL, Array, physical
+from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
+
+Run = Callable[[Draft], tuple[NDArray[np.int64], Array, str | None]]
+"""What fills a draft: samples clipped and peak of each output, and the hash of the signal."""
+
+
+def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
+    if not path.name or os.path.isdir(path):
+        raise SinkError(f"{path} is a folder; give the name of a file in it")
+    if not os.path.isdir(path.parent):
+        raise SinkError(f"there is no folder {path.parent}; make it first")
+    for p in (path, sidecar):
+        if os.path.exists(p) and not os.path.isfile(p):
+            raise SinkError(f"{p} is there and not an ordinary file")
+        if os.path.lexists(p) and not overwrite:
+            raise SinkError(f"{p} is there already, and overwrite=False")
+    for p in (part_of(path), sidecar_of(part_of(path)), _new(path), part_of(sidecar)):
+        regular.check(p)
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise SinkError(f"folder {path.parent} is not writable")
+
+
+def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
+    """Let run fill NAME.part, and put it and its sidecar to their places, or nothing."""
+    part, format = part_of(path), info["format"]
+    try:
+        with _locked(path) as begun, ExitStack() as stack:
+            _remove(_new(path), part_of(sidecar_of(path)))  # of a run that was killed
+            with disk(path):
+                fill(begun, text_of(info))
+            draft = stack.enter_context(_draft(path, part, info, JOURNAL.get(format, format)))
+            clips, peak, info["sha256"] = run(draft)
+            if draft.frames != info["frames"]:
+                raise SinkError(f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told")
+            for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
+                c |= {"clips": int(clipped), "peak": float(largest)}
+            if format in JOURNAL:
+                draft.finish()
+                coded = stack.enter_context(_draft(path, _new(path), info, format))
+                _copy(part, draft.raw, coded, info)
+                draft.same(coded)
+                draft = coded
+            _move(draft, path, info, overwrite)
+            _remove(part, sidecar_of(part))
+    except BaseException:
+        _clean(path)
+        raise
+    return report_of(path, info)
+
+
+def _draft(path: Path, at: Path, info: dict[str, Any], format: str) -> Draft:
+    return Draft(path, at, int(info["fs"]), len(info["channels"]), format, info["subtype"])
+
+
+def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> None:
+    """A file and its sidecar to their places, when it has been proven."""
+    sidecar, ready = sidecar_of(path), part_of(sidecar_of(path))
+    info["versions"], info["file_sha256"] = versions(), draft.seal()
+    complete = False
+    try:
+        with disk(path):
+            with open(regular.create(ready), "r+b", buffering=0) as f:
+                fill(f, text_of(info))
+                os.fsync(f.fileno())
+            complete = True
+            draft.move(path, overwrite)
+            try:
+                move(ready, sidecar, overwrite)
+            except SinkError:
+                os.unlink(path)  # ours, and nothing without its sidecar
+                raise
+            regular.settle(path.parent)
+    except BaseException:
+        with suppress(OSError):
+            if complete and draft.is_at(path):  # interrupted between the moves: the first cannot be taken back
+                move(ready, sidecar, overwrite)
+        raise
+
+
+def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> FileReport:
+    """Make a file of what a run of `stimlib.files.audio.write` left when it was killed.
+
+    The samples are those that `write` would have written in a shorter run, and so are the file's bytes. Its sidecar says
+    ``"recovered"``: the frames that were wanted. In it, sha256 (of the signal before it was rounded) and, for FLAC, the number
+    of samples clipped are None, since nobody knows them; peak is that of the samples as stored. `read` takes the
+    file, and ``stimlib verify`` proves it, like any other.
+
+    Parameters
+    ----------
+    path : path
+        The file that was to be written; what is left is ``path`` + ".part" and ``path`` + ".part.json".
+    to : path, optional
+        Where to write instead, with the same suffix.
+    overwrite : bool
+        Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    FileReport
+
+    Raises
+    ------
+    SinkError
+        There is nothing to recover, or not one sample; the run is still alive; what is left was changed; a file is there
+        already; the place cannot be written. What is left stays there then.
+
+    Examples
+    --------
+    >>> recover("missing.wav")
+    Traceback (most recent call last):
+    stimlib.errors.SinkError: nothing to recover: there is no missing.wav.part
+    """
+    path = Path(path)
+    if path.suffix == ".part":
+        path = path.with_suffix("")
+    to = path if to is None else Path(to)
+    if to.suffix.lower() != path.suffix.lower():
+        raise SinkError(f"{to} must end in {path.suffix!r}, as the file that was to be written")
+    if (done := _finish_move(path)) is not None:
+        return done
+    part, sidecar = part_of(path), sidecar_of(part_of(path))
+    if not os.path.lexists(part):
+        log = "; a log needs nothing, see stimlib replay" if os.path.isfile(path / "session.json") else ""
+        raise SinkError(f"nothing to recover: there is no {part}{log}")
+    load(part, sidecar, BEGUN)
+    with _locked(path), ExitStack() as stack:
+        info = load(part, sidecar, BEGUN)
+        check_place(to, sidecar_of(to), overwrite)
+        raw = stack.enter_context(open(regular.opened(part, os.O_RDWR), "rb", buffering=0))
+        info |= {"sha256": None, "recovered": {"frames": info["frames"]}, "frames": _frames_left(part, raw, info)}
+        draft = stack.enter_context(_draft(to, _new(to), info, info["format"]))
+        try:
+            peak = _copy(part, raw, draft, info)
+            for c, largest in zip(info["channels"], peak, strict=True):
+                c |= {"clips": None if info["subtype"] == "PCM_24" else 0, "peak": float(largest)}
+            _move(draft, to, info, overwrite)
+        except BaseException:
+            _remove(_new(to), part_of(sidecar_of(to)))
+            raise
+        _remove(part, sidecar)
+    return report_of(to, info)
+
+
+def _finish_move(path: Path) -> FileReport | None:
+    """Of a run that was killed between the two moves, do the second."""
+    ready = part_of(sidecar_of(path))
+    if not (os.path.isfile(path) and os.path.isfile(ready)):
+        return None
+    try:
+        info = load(path, ready)
+        with open(regular.opened(path), "rb", buffering=0) as raw:
+            check_size(path, raw, info["frames"], len(info["channels"]))
+            if sha256(raw) != info["file_sha256"]:
+                return None
+    except SinkError:
+        return None
+    with _locked(path):
+        with disk(path):
+            regular.check(ready)
+            os.replace(ready, sidecar_of(path))
+        _remove(part_of(path), sidecar_of(part_of(path)))
+    return report_of(path, info)
+
+
+def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
+    """Frames of an open file that a run left, which must be of the kind that its sidecar says."""
+    try:
+        with reading(raw) as f:
+            found = (f.samplerate, f.channels, f.format, f.subtype)
+            frames = int(f.frames)
+    except soundfile().SoundFileError as e:
+        raise SinkError(f"nothing to recover: {part} has no samples yet, or was damaged ({reason(e)}); remove it") from e
+    wanted = (info["fs"], len(info["channels"]), JOURNAL.get(info["format"], info["format"]), info["subtype"])
+    if found != wanted:
+        raise SinkError(f"{sidecar_of(part)} does not belong to {part}: it says {wanted}, the file is {found}")
+    if not 0 < frames <= info["frames"]:
+        raise SinkError(f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it")
+    check_size(part, raw, frames, len(info["channels"]))
+    return frames
+
+
+def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
+    """Neither the bytes of a file nor those of its samples in memory may be more than is meant."""
+    limits.check("audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError)
+    limits.check("audio_bytes", os.fstat(raw.fileno()).st_size, f"{path}: bytes", SinkError)
+
+
+def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
+    """Put the frames of an open file that info tells into a draft; the peak per output."""
+    frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
+    peak = np.zeros(len(scales))
+    try:
+        with reading(raw) as f:
+            while draft.frames < frames:
+                part = f.read(min(8192, frames - draft.frames), dtype=TYPES[info["subtype"]], always_2d=True)
+                if not len(part):
+                    raise SinkError(f"{source} is truncated: {frames} frames wanted, {draft.frames} can be read")
+                draft.put(part)
+                peak = np.maximum(peak, np.abs(physical(part, scales)).max(axis=1))
+    except soundfile().SoundFileError as e:
+        raise SinkError(f"{source} cannot be read to its end, it was damaged ({reason(e)})") from e
+    if not np.isfinite(peak).all():
+        raise SinkError(f"{source} has samples that are not finite: it was damaged")
+    return peak
+
+
+def _new(path: Path) -> Path:
+    """A copy on its way to its place: a FLAC file being coded, or a file being recovered."""
+    return path.with_name(path.name + ".new.part")
+
+
+def _remove(*paths: Path) -> None:
+    for p in paths:
+        with suppress(OSError):
+            p.unlink()
+
+
+def _clean(path: Path) -> None:
+    """Remove what a run that failed left beside its place, if it is not another run's."""
+    begun = sidecar_of(part_of(path))
+    with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
+        if _lock(f):
+            _remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[Any]:
+    """NAME.part.json, open and held by us alone as long as we are at it; the system lets go of it when we are killed."""
+    sidecar = sidecar_of(part_of(path))
+    with ExitStack() as stack:
+        with disk(path):
+            while True:
+                f = stack.enter_context(open(regular.opened(sidecar, os.O_RDWR | os.O_CREAT), "r+b", buffering=0))
+                if not _lock(f):
+                    raise SinkError(f"{path} is being written by another run")
+                with suppress(FileNotFoundError):  # whoever had it just removed it
+                    if os.path.samestat(os.fstat(f.fileno()), os.lstat(sidecar)):
+                        break
+        yield f
+
+
+def _lock(f: Any) -> bool:
+    """Whether nobody else holds the file; True where the system cannot tell."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True

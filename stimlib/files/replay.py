@@ -1,0 +1,228 @@
+"""The samples of a session made again from its log, and compared with the hashes that it has."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Scene
+from ..errors import BadValue, SceneError, SinkError, shown
+from ..run.processor import Change, Processor
+from ..run.safety import protect, to_device
+from ..run.walk import Rows, walk
+from ..version import __version__
+from . import audio as file
+from .session import SessionLog, Span
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What ``replay`` found; its str is one line, ``matches`` the verdict.
+
+    Attributes
+    ----------
+    frames : int
+        Samples replayed, delivered or lost.
+    lost : int
+        Of these, lost.
+    spans : int
+        Hashes that were compared.
+    wrong : list of (at, to)
+        Delivered frames that are not those of the replay.
+    missing : int
+        Samples that the log accounts for and that could not be replayed.
+    changed : list of (at, to)
+        Rows of the motion that are not those that were written.
+    notes : list of str
+    """
+
+    frames: int
+    lost: int
+    spans: int
+    wrong: list[tuple[int, int]]
+    missing: int
+    changed: list[tuple[int, int]]
+    notes: list[str]
+
+    @property
+    def matches(self) -> bool:
+        """Whether every hash of the log was compared and is that of the replayed samples, or of the motion."""
+        return not (self.wrong or self.missing or self.changed)
+
+    def __str__(self) -> str:
+        line = f"{self.frames} frames replayed, {self.lost} lost; {self.spans - len(self.wrong)} of {self.spans} hashes match"
+        if self.wrong:
+            line += f", the first that does not is of frames {self.wrong[0][0]} to {self.wrong[0][1]}"
+        if self.missing:
+            line += f"; {self.missing} frames cannot be replayed"
+        if self.changed:
+            line += f"; the motion was changed, first in samples {self.changed[0][0]} to {self.changed[0][1]}"
+        return shown("; ".join([line, *self.notes]))
+
+
+def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
+    """The processor as the session had it before its first sample; by default with the safety stage.
+
+    Raises
+    ------
+    SinkError
+        The scene cannot be compiled.
+    """
+    try:
+        proc = Processor(protect(log.scene, log.safety) if scene is None else scene, log.fs, target, log.seed)
+        for name, value in log.params.items():
+            if name in proc.params:
+                proc.set(name, value, ramp=0.0)
+        proc.process(np.zeros((len(proc.inputs), 0)))
+    except (SceneError, BadValue) as e:
+        raise SinkError(f"{log.folder}: the scene cannot be compiled: {e}") from e
+    return proc
+
+
+def motion_of(log: SessionLog, proc: Processor) -> Rows:
+    """The logged motion, rows as the processor has them, read where they are asked for.
+
+    Raises
+    ------
+    SinkError
+        The log has not the motion of an input.
+    """
+    if missing := set(proc.inputs) - set(log.inputs):
+        raise SinkError(f"{log.folder}: the log has no motion of {', '.join(sorted(missing))}")
+    columns = [log.inputs.index(name) for name in proc.inputs]
+    if not columns:
+        return np.empty((0, log.frames))
+    return lambda at, stop: np.ascontiguousarray(log.motion[at:stop, columns].T)
+
+
+def changes_of(log: SessionLog, proc: Processor) -> list[Change]:
+    """The logged changes of parameters that the processor has."""
+    return [c for c in log.changes if c.name in proc.params]
+
+
+def delivered(
+    log: SessionLog, block: int = 8192, proc: Processor | None = None
+) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
+    """Replayed frames (at, frames (n, channels), whether they were delivered or lost), in order and without a hole.
+
+    A processor, if given, must be one of ``processor(log)``; it then tells what happened, as its faults.
+    """
+    proc, scales = processor(log) if proc is None else proc, log.safety.scales(log.outputs)
+    lost = [(a, a + n) for a, n in log.lost if n]
+    k = 0
+    for at, y in walk(proc, motion_of(log, proc), log.frames, changes_of(log, proc), block=block):
+        frames = to_device(y, scales, log.channels)
+        begin = 0
+        while begin < len(frames):
+            here = at + begin
+            while k < len(lost) and lost[k][1] <= here:
+                k += 1
+            inside = k < len(lost) and lost[k][0] <= here
+            edge = lost[k][inside] if k < len(lost) else log.frames
+            stop = min(len(frames), edge - at)
+            yield here, frames[begin:stop], not inside
+            begin = stop
+
+
+def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: int = 8192) -> Replay:
+    """Make the delivered samples again and compare them with the log's hashes.
+
+    Parameters
+    ----------
+    log : SessionLog
+    out : path, optional
+        A sound file to write them to, FLOAT: what the device was given, lost frames left out.
+    block : int
+        Samples at a time; no effect on the result.
+
+    Returns
+    -------
+    Replay
+
+    Raises
+    ------
+    SinkError
+        The scene cannot be compiled; the file cannot be written.
+
+    Examples
+    --------
+    See `stimlib.files.log.LogWriter`.
+    """
+    lost = sum(min(n, max(0, log.frames - at)) for at, n in log.lost)
+    compared = Hashes(log.spans)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for at, part, given in delivered(log, block):
+            if given:
+                compared.add(at, part)
+                yield part
+
+    if out is None:
+        for _ in frames():
+            pass
+    else:
+        names = [(log.outputs[c], log.header["units"], c) if c >= 0 else None for c in log.channels]
+        scales = log.safety.scales(log.outputs)
+        channels = [
+            {"name": f"channel{i}", "unit": "1", "full_scale": 1.0}
+            if n is None
+            else {"name": n[0], "unit": str(n[1].get(n[0], "1")), "full_scale": float(scales[n[2]])}
+            for i, n in enumerate(names)
+        ]
+        what = protect(log.scene, log.safety)
+        info = {
+            "stimlib": __version__,
+            "fs": log.fs,
+            "frames": log.frames - lost,
+            "channels": channels,
+            "seed": log.seed,
+            "params": log.params,
+            "index": 0,
+            "log": [c._asdict() for c in log.changes],
+            "motion": dict.fromkeys(log.inputs, f"log of {log.frames} samples"),
+            "lost": [{"at": at, "frames": n} for at, n in log.lost],
+            "scene": what.to_dict(),
+            "scene_hash": what.hash,
+            "definitions": log.header["definitions"],
+        }
+        file.write_frames(out, frames(), info)
+    return Replay(log.frames, lost, compared.done, compared.wrong, log.logged - log.frames, changed_motion(log), log.notes)
+
+
+def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
+    """Spans (at, to) of the motion whose hash is not the one that was written with it; of the rows that are there."""
+    rows = len(log.motion)
+
+    def sha256(s: Span) -> str:
+        return hashlib.sha256(np.ascontiguousarray(log.motion[s.at : s.to], "<f8").data).hexdigest()
+
+    return [(s.at, s.to) for s in log.motion_spans if s.to <= rows and sha256(s) != s.sha256]
+
+
+class Hashes:
+    """Compares frames, given in order, with spans; ``done`` spans were compared, ``wrong`` lists those that differ."""
+
+    def __init__(self, spans: list[Span]):
+        self.spans, self.done = spans, 0
+        self.wrong: list[tuple[int, int]] = []
+        self._digest, self._bad = hashlib.sha256(), False
+
+    def add(self, at: int, frames: NDArray[np.float32]) -> None:
+        """Frames from sample ``at`` on, all of them delivered."""
+        while len(frames) and self.done < len(self.spans):
+            span = self.spans[self.done]
+            frames, at = frames[max(0, span.at - at) :], max(at, span.at)  # a gap has no hash
+            part = frames[: span.to - at]
+            self._digest.update(np.ascontiguousarray(part, "<f4").data)
+            at += len(part)
+            frames = frames[len(part) :]
+            if at == span.to:
+                if self._digest.hexdigest() != span.sha256:
+                    self.wrong.append((span.at, span.to))
+                self.done += 1
+                self._digest = hashlib.sha256()

@@ -1,0 +1,392 @@
+"""The log of a session: everything that shaped what a device was given, by sample index.
+
+A log is a folder:
+
+``session.json``
+    what was compiled: the scene, seed, parameters, safety stage, channels, versions
+``events.jsonl``
+    one JSON object a line: parameters that were set, frames that were lost, hashes of what was delivered and of the motion
+``motion.f64``
+    the motion as the processor saw it: float64, little-endian, all inputs of sample 0, then of sample 1, ...
+``delivered.caf``
+    what was delivered, if the writer was asked to record it
+``report.json``
+    at a clean end only
+
+Nothing of it waits in memory for long, so a process that is killed leaves a log that lacks half a second at most. A log is data:
+reading it runs nothing of it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import definitions, fields, regular
+from ..core.bounds import limits
+from ..core.scene import Scene
+from ..errors import BadValue, SinkError, StimlibError, shown
+from ..run.processor import Change
+from ..run.safety import GAIN, Safety, protect
+from ..version import __version__
+
+MAX_INDEX = 2**53  # beyond, a float no longer tells two samples apart
+MAX_LOST = 86400.0  # s in one stretch; nobody plays on after that
+MAX_LINE = 1 << 20  # bytes of one event
+
+COUNT = fields.whole(MAX_INDEX)
+FIELDS: dict[str, fields.Test] = {
+    "stimlib": fields.text,
+    "versions": fields.table,
+    "scene": fields.table,
+    "scene_hash": fields.text,
+    "definitions": definitions.TEST,
+    "fs": fields.between(1, 1e7),  # Hz
+    "seed": fields.whole(2**64 - 1),
+    "params": fields.table_of(fields.number),
+    "safety": fields.table,
+    "inputs": fields.list_of(fields.text),
+    "outputs": fields.list_of(fields.text),
+    "units": fields.table_of(fields.text),
+    "channels": fields.list_of(fields.maybe(fields.text)),
+    "device": fields.text,
+    "block": COUNT,
+    "started": fields.text,
+}
+_HASH = fields.Test("64 hex digits", lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef"))
+_RAMP = fields.Test("a number of samples", lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v))
+EVENTS: dict[str, dict[str, fields.Test]] = {
+    "set": {"name": fields.text, "value": fields.number, "ramp": _RAMP},
+    "hash": {"to": COUNT, "sha256": _HASH},
+    "motion": {"to": COUNT, "sha256": _HASH},
+    "lost": {"frames": COUNT},
+    "gap": {"frames": COUNT},
+}
+
+
+class Event(NamedTuple):
+    """Something that happened at a sample."""
+
+    at: int
+    kind: str
+    data: dict[str, Any]
+
+
+class Span(NamedTuple):
+    """Frames at .. to - 1 and their sha256 (little-endian, all channels of a frame, then the next)."""
+
+    at: int
+    to: int
+    sha256: str
+
+
+class Header(NamedTuple):
+    scene: Scene
+    safety: Safety
+    fs: float
+    seed: int
+    params: dict[str, float]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    channels: tuple[int, ...]  # number of the output, -1 for silence
+
+
+class MotionFile:
+    """The rows of motion.f64, read where they are asked for.
+
+    It is not mapped: a file that another program cuts would end the process then. Here that is a SinkError.
+
+    Attributes
+    ----------
+    shape : (n, n_inputs)
+    """
+
+    def __init__(self, path: Path, inputs: int):
+        self.path = path
+        with open(regular.opened(path), "rb") as f:
+            rows, self.rest = divmod(os.fstat(f.fileno()).st_size, 8 * inputs)
+        self.shape = (rows, inputs)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def beyond(self, row: int) -> int:
+        """Bytes from a row on; negative where rows are missing."""
+        return 8 * self.shape[1] * (len(self) - row) + self.rest
+
+    @property
+    def T(self) -> NDArray[np.float64]:
+        """All of it, shape (n_inputs, n)."""
+        return self[:].T
+
+    def __getitem__(self, key: Any) -> NDArray[np.float64]:
+        """Rows [at:to], or [at:to, columns]."""
+        rows, *columns = key if isinstance(key, tuple) else (key,)
+        at, to, step = rows.indices(len(self))
+        if step != 1:
+            raise BadValue("log: motion is read row after row, log.motion[at:to]")
+        x = np.empty((max(0, to - at), self.shape[1]), "<f8")
+        try:
+            with open(regular.opened(self.path), "rb", buffering=0) as f:
+                f.seek(8 * at * self.shape[1])
+                into = memoryview(x.reshape(-1)).cast("B")
+                while got := f.readinto(into):
+                    into = into[got:]
+        except OSError as e:
+            raise e if isinstance(e, SinkError) else SinkError(f"cannot read {self.path}: {e.strerror}") from e
+        if into:
+            raise SinkError(f"{self.path} was cut since the log was read: another program changed it")
+        return x[:, columns[0]] if columns else x
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return self[:].astype(dtype or np.float64, copy=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SessionLog:
+    """What ``read_log`` found. Sample indices count from the start of the session.
+
+    Attributes
+    ----------
+    folder : Path
+    header : dict
+        session.json as it is.
+    scene : Scene
+        As the researcher wrote it; what ran is ``protect(scene, safety)``.
+    safety : Safety
+    fs : float, Hz
+    seed : int
+    params : dict of str to float
+        Parameters that differed from the scene's at the start.
+    inputs, outputs : tuple of str
+    channels : tuple of int
+        For each channel of the device the number of its output, or -1.
+    events : list of Event
+        All lines of events.jsonl, in their order.
+    spans : list of Span
+        Delivered frames (float32) under a hash, in order.
+    motion_spans : list of Span
+        Rows of motion (float64) under a hash, in order.
+    lost : list of (at, frames)
+        Produced and not delivered.
+    motion : MotionFile of float64, shape (n, n_inputs)
+        As the processor saw it; slices of it are read from the file, ``numpy.asarray(log.motion)`` reads all.
+    frames : int
+        Samples that can be replayed and are accounted for, as delivered or lost.
+    logged : int
+        Samples that the session produced, as far as the log tells; more than frames where motion or lines are missing.
+    report : dict or None
+        What the sink reported at a clean end.
+    notes : list of str
+        What is odd about the log.
+    """
+
+    folder: Path
+    header: dict[str, Any]
+    scene: Scene
+    safety: Safety
+    fs: float
+    seed: int
+    params: dict[str, float]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    channels: tuple[int, ...]
+    events: list[Event]
+    spans: list[Span]
+    motion_spans: list[Span]
+    lost: list[tuple[int, int]]
+    motion: MotionFile | NDArray[np.float64]
+    frames: int
+    logged: int
+    report: dict[str, Any] | None
+    notes: list[str]
+
+    @property
+    def changes(self) -> list[Change]:
+        """The ``set`` events, in order of sample index, as `Processor.set` takes them."""
+        sets = [Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs) for e in self.events if e.kind == "set"]
+        return sorted(sets, key=lambda c: c.at)
+
+
+def read_log(folder: str | os.PathLike[str]) -> SessionLog:
+    """Read and check a session's log, also of a session that was killed.
+
+    Parameters
+    ----------
+    folder : path
+
+    Returns
+    -------
+    SessionLog
+
+    Raises
+    ------
+    SinkError
+        A file is missing or is not what a log has there; the message names file, line and what is wrong. What a killed
+        process leaves (a last line cut short, no report) is no error; ``notes`` tells it.
+
+    Examples
+    --------
+    See `LogWriter`.
+    """
+    folder = Path(folder)
+    if not os.path.lexists(folder):
+        raise SinkError(f"there is no log {folder}")
+    if not os.path.lexists(folder / "session.json"):
+        raise SinkError(f"{folder} is no log: that is the folder that a sink wrote, with session.json in it")
+    raw = _json(folder / "session.json")
+    head = checked(raw, str(folder / "session.json"), SinkError)
+    notes: list[str] = []
+    events = _events(folder / "events.jsonl", head, notes)
+    motion = MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
+    report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
+    if report is None:
+        notes.append("no report: the session was killed, or its log could not be ended")
+
+    spans, seen, lost, end, known = [], [], [], 0, None
+    gaps: list[tuple[int, int]] = []  # one after the other is one
+    for e in events:
+        if e.kind == "motion":
+            seen.append(Span(e.at, e.data["to"], e.data["sha256"]))
+        if e.kind == "hash":
+            spans.append(Span(e.at, e.data["to"], e.data["sha256"]))
+            end = e.data["to"]
+        elif e.kind in ("lost", "gap"):
+            end = e.at + e.data["frames"]
+            if e.kind == "lost":
+                lost.append((e.at, e.data["frames"]))
+            else:
+                if e.data.get("delivered") is False:
+                    lost.append((e.at, e.data["frames"]))
+                begin = gaps.pop()[0] if gaps and gaps[-1][1] == e.at else e.at
+                gaps.append((begin, end))
+                known = e.at if known is None and head.inputs else known
+    notes += [f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps]
+    frames = end if known is None else known
+    produced = int(report["produced"]) if report is not None and COUNT(report.get("produced")) else end
+    if produced != end:
+        notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
+    if isinstance(motion, MotionFile):
+        more = motion.beyond(seen[-1].to if seen else 0)
+        if report is not None and more > 0:  # a session that ended has all of it under a hash
+            notes.append(f"motion.f64 has {more} bytes more than the session wrote")
+        elif motion.rest:
+            notes.append("the last frame of motion is cut short")
+        if len(motion) < frames:
+            notes.append(f"motion ends at sample {len(motion)}, hashes and losses at {frames}")
+        frames = min(frames, len(motion))
+    limits.check("log_samples", frames, f"{folder}: samples", SinkError)
+    notes += definitions.changed(raw["definitions"], head.scene)
+    if raw["stimlib"] != __version__:
+        notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
+    return SessionLog(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        return fields.parse(regular.read(path, "sidecar_bytes"))
+    except ValueError as e:
+        raise SinkError(f"{path}: not JSON as a log has it ({e})") from e
+
+
+def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
+    """What session.json says, if it is what a log has there; else raises error."""
+
+    def need(good: bool, what: str) -> None:
+        if not good:
+            raise error(f"{where}: {what}")
+
+    try:
+        fields.require(data, FIELDS)
+    except ValueError as e:
+        raise error(f"{where}: {e}") from e
+    try:
+        scene = Scene.from_dict(data["scene"])
+        safety = Safety(**data["safety"])
+        outputs = tuple(scene.outputs)
+        safety.scales(outputs)
+        known = protect(scene, safety).params
+    except (StimlibError, ValueError, TypeError, OverflowError, RecursionError) as e:
+        raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
+    need(scene.hash == data["scene_hash"], "scene_hash is not that of the scene: one of them was changed")
+    said, found = definitions.hashes(data["definitions"], scene)
+    need(said == found, "definitions are not those of the scene's own blocks, or do not have their hashes: they were changed")
+    need(tuple(data["outputs"]) == outputs, f"outputs must be those of the scene, {', '.join(outputs)}")
+    inputs = data["inputs"]
+    need(set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
+    need(len(set(inputs)) == len(inputs), "an input is there twice")
+    channels = data["channels"]
+    need(0 < len(channels) <= 1024, "channels must be a list of 1 to 1024 output names or null")
+    need({*channels} <= {*outputs, None}, "channels must be names of outputs, or null")
+    params = data["params"]
+    for name in params:
+        need(name in known, f"params: there is no parameter {name!r}")
+    numbers = tuple(-1 if c is None else outputs.index(c) for c in channels)
+    start = {n: float(v) for n, v in params.items()}
+    return Header(scene, safety, float(data["fs"]), data["seed"], start, tuple(inputs), outputs, numbers)
+
+
+def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
+    """events.jsonl, checked line by line. Frames are accounted for from 0 on, without a hole, each once."""
+    params = set(head.scene.params) | {GAIN}
+    found: list[Event] = []
+    end = {"delivered": 0, "motion": 0, "lost": 0}
+    with open(regular.opened(path), "rb") as f:
+        limits.check("events_bytes", os.fstat(f.fileno()).st_size, f"{path}: bytes", SinkError)
+        for number in range(1, 1 << 62):
+            try:
+                line = f.readline(MAX_LINE)
+            except OSError as e:
+                raise SinkError(f"cannot read {path}: {e.strerror}") from e
+            if not line.endswith(b"\n"):
+                if len(line) == MAX_LINE:
+                    raise SinkError(f"{path}, line {number}: longer than {MAX_LINE} bytes")
+                if line:
+                    notes.append(f"the last line of {path.name} is cut short")
+                break
+            try:
+                found.append(_event(line, head.fs, params))
+                _account(found[-1], end)
+            except ValueError as problem:
+                raise SinkError(f"{path}, line {number}: {problem}") from None
+    limits.check("lost_samples", end["lost"], f"{path}: samples that are lost", SinkError)
+    return found
+
+
+def _event(line: bytes, fs: float, params: set[str]) -> Event:
+    """One line; ValueError tells what is wrong with it."""
+
+    def need(good: bool, what: str) -> None:
+        if not good:
+            raise ValueError(what)
+
+    data = fields.parse(line)
+    at, kind = data.pop("at", None), data.pop("kind", None)
+    need(COUNT(at), f"'at' must be a sample index, not {str(at)[:40]}")
+    need(fields.text(kind), "'kind' must be a text")
+    need(kind == kind[:100], "'kind' is too long")
+    fields.require(data, EVENTS.get(kind, {}))
+    if kind == "set":
+        need(data["name"] in params, f"there is no parameter {data['name'][:40]!r}")
+    elif kind in ("hash", "motion"):
+        need(at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most")
+    elif kind in ("lost", "gap"):
+        need(data["frames"] <= MAX_LOST * fs, "'frames' must be a number of samples, a day at most")
+    return Event(at, kind, data)
+
+
+def _account(e: Event, end: dict[str, int]) -> None:
+    """Count the samples that this event accounts for; ValueError if it does not go on where the last ended."""
+    if e.kind in ("hash", "lost", "gap", "motion"):
+        what = "motion" if e.kind == "motion" else "delivered"
+        if e.at != end[what]:
+            known = f"but what is accounted for ends at {end[what]}: lines are missing or moved"
+            raise ValueError(f"{e.kind} from sample {e.at} on, {known}")
+        end[what] = e.at + e.data["frames"] if e.kind in ("lost", "gap") else e.data["to"]
+        end["lost"] += e.data["frames"] if e.kind in ("lost", "gap") else 0

@@ -1,0 +1,157 @@
+"""The sidecar of a sound file: what the samples are, checked wherever it is read."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import definitions, fields, regular
+from ..errors import SinkError, shown
+from .draft import soundfile
+from .formats import BYTES, FORMATS
+
+_COUNT = fields.whole(2**53)
+_CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}
+_CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.not_negative}
+BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being written
+    "stimlib": fields.text,
+    "format": fields.one_of(*FORMATS),
+    "subtype": fields.one_of(*BYTES),
+    "fs": fields.between(1, 2**31 - 1),
+    "frames": _COUNT,
+    "channels": fields.list_of(fields.record(_CHANNEL)),
+    "seed": fields.whole(2**64 - 1),
+    "params": fields.table_of(fields.number),
+    "index": _COUNT,
+    "log": fields.list_of(fields.record(_CHANGE)),
+    "motion": fields.table_of(fields.text),
+    "scene": fields.table,
+    "scene_hash": fields.text,
+    "definitions": definitions.TEST,
+}
+_RECOVERED = {"recovered": fields.record({"frames": _COUNT})}
+DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
+    "channels": fields.list_of(fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})),
+    "sha256": fields.maybe(fields.text),
+    "versions": fields.table_of(fields.maybe(fields.text)),
+    "file_sha256": fields.text,
+}
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """What `stimlib.files.audio.write` wrote; its str is one line.
+
+    Attributes
+    ----------
+    path : Path
+        The audio file.
+    frames : int
+        Samples per output.
+    seconds : float, s
+        frames / fs.
+    clips : dict of str to int
+        Per output, how many samples were limited to full scale; 0 in formats that hold floats, None where a FLAC file was
+        recovered.
+    peak : dict of str to float
+        Per output, the largest absolute value, in the output's unit; of the samples as stored where they were recovered.
+    sidecar : Path
+        The JSON file.
+
+    Examples
+    --------
+    >>> print(FileReport(Path("a.wav"), 8000, 1.0, {"force": 0}, {"force": 40.0}, Path("a.wav.json")))
+    a.wav: 8000 frames, 1 s, peak force 40
+    """
+
+    path: Path
+    frames: int
+    seconds: float
+    clips: dict[str, int | None]
+    peak: dict[str, float]
+    sidecar: Path
+
+    def __str__(self) -> str:
+        peaks = ", ".join(f"{name} {value:.4g}" for name, value in self.peak.items())
+        clips = ", ".join(f"{name} {count}" for name, count in self.clips.items() if count)
+        line = f"{self.path}: {self.frames} frames, {self.seconds:.6g} s, peak {peaks}"
+        return shown(line + (f", samples clipped: {clips}" if clips else ""))
+
+
+def report_of(path: Path, info: dict[str, Any]) -> FileReport:
+    clips, peak = ({c["name"]: c[what] for c in info["channels"]} for what in ("clips", "peak"))
+    return FileReport(path, info["frames"], info["frames"] / info["fs"], clips, peak, sidecar_of(path))
+
+
+def sidecar_of(path: Path) -> Path:
+    return path.with_name(path.name + ".json")
+
+
+def part_of(path: Path) -> Path:
+    return path.with_name(path.name + ".part")
+
+
+def told(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The sidecar of a file alone, checked; see `stimlib.files.audio.read`, which compares it with the file too.
+
+    Raises
+    ------
+    SinkError
+        It is missing, or stimlib did not write it.
+    """
+    return load(Path(path), sidecar_of(Path(path)))
+
+
+def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dict[str, Any]:
+    """What a sidecar says, checked."""
+    if not os.path.lexists(sidecar):
+        raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known{hint(path)}")
+    try:
+        info = fields.parse(regular.read(sidecar, "sidecar_bytes"))
+        fields.require(info, tests | _RECOVERED if "recovered" in info else tests)
+        if info["subtype"] not in FORMATS[info["format"]] or not info["channels"] or info["fs"] != int(info["fs"]):
+            raise ValueError("there is no file of that format, subtype, fs and channels")
+    except ValueError as e:
+        raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e
+    return info
+
+
+def hint(path: Path) -> str:
+    """What to do where a run that was killed left something."""
+    left = next((p for p in (part_of(path), part_of(sidecar_of(path))) if os.path.isfile(p)), None)
+    return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
+
+
+def text_of(info: dict[str, Any]) -> bytes:
+    return (json.dumps(info, indent=1, allow_nan=False) + "\n").encode()
+
+
+def describe(source: Any) -> str:
+    if isinstance(source, np.ndarray):
+        return f"array({len(source)})"
+    # the address in the repr of a function would make two equal runs differ
+    return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
+
+
+def versions() -> dict[str, str | None]:
+    sf = soundfile()
+    return {
+        "numpy": np.__version__,
+        "numba": _version("numba"),
+        "soundfile": sf.__version__,
+        "libsndfile": sf.__libsndfile_version__,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
