@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def progress(what: str, total: float | None, wanted: bool = True) -> Iterator[Callable[..., None]]:
-    """A progress bar on stderr, where that is a terminal.
+def progress(what: str, total: float | None, wanted: bool | str = True) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr.
 
     Parameters
     ----------
@@ -17,7 +17,8 @@ def progress(what: str, total: float | None, wanted: bool = True) -> Iterator[Ca
         What is going on.
     total : float or None
         Steps, or None where they are not known.
-    wanted : bool
+    wanted : bool or "always"
+        True where stderr is a terminal, "always" anywhere.
 
     Yields
     ------
@@ -31,7 +32,7 @@ def progress(what: str, total: float | None, wanted: bool = True) -> Iterator[Ca
     ...     for _ in range(3):
     ...         advance(1)
     """
-    if not (wanted and sys.stderr and sys.stderr.isatty()):
+    if not wanted or (wanted is True and not (sys.stderr and sys.stderr.isatty())):
         yield lambda done, text="": None
         return
     from rich.console import Console
