@@ -16,7 +16,8 @@ from scipy import linalg, signal
 
 import stimlib
 from stimlib.blocks import differentiator, pink_noise
-from stimlib.design import minimax
+from stimlib.design.differentiator import differentiator_taps
+from stimlib.design.pink import pink_modes
 from stimlib.scenes import squeeze
 
 FS, CHUNK, CHUNKS = 8000, 32768, 16
@@ -30,10 +31,10 @@ def noise_chain(fs=FS, f_low=10.0, tol_db=0.01):
 
 def scipy_chains(fs=FS, f_low=10.0, tol_db=0.01):
     """The same chain from PCG64, sosfilt (zi carried on) and three ways to run 129 taps, in chunks."""
-    m = minimax.pink_modes(fs, f_low, tol_db)
+    m = pink_modes(fs, f_low, tol_db)
     zeros, poles, gain = parallel_to_zpk(m.e, m.r, m.d)
     sos = signal.zpk2sos(zeros, poles, gain)
-    taps = minimax.differentiator_taps(fs, 1000.0, 1500.0, 128).taps
+    taps = differentiator_taps(fs, 1000.0, 1500.0, 128).taps
     h = taps.size - 1
     rows = 512
     toeplitz = linalg.toeplitz(np.r_[taps[0], np.zeros(rows - 1)], np.r_[taps, np.zeros(rows - 1)])[:, ::-1][::-1]

@@ -1,4 +1,4 @@
-"""What the library is for, in ten seconds: three papers' stimuli under a hand, each as file, picture, proof and copy for ears."""
+"""What the library is for, in ten seconds: three papers' stimuli, each as file, picture, proof and copy for ears."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typing import NamedTuple
 from .analysis.listen import listen
 from .analysis.picture import picture
 from .checks.verify import verify
+from .core import regular
 from .core.scene import Scene
-from .errors import SinkError
 from .files.audio import write
 from .motion.generators import Motion, jittered, minimum_jerk, quantised
 from .run.processor import compile
@@ -25,7 +25,7 @@ from .scenes import bumps, squeeze, viscoelastic
 FS, SECONDS = 8000.0, 4.8
 
 
-def _hand(motion: Motion, resolution: float, seed: int = 0) -> Motion:
+def _encoder(motion: Motion, resolution: float, seed: int = 0) -> Motion:
     """A motion as an encoder reports it: in codes, of which the last toggles."""
     return quantised(jittered(motion, resolution, rate=500.0, seed=seed), resolution)
 
@@ -45,7 +45,7 @@ class Stimulus(NamedTuple):
 STIMULI = (
     Stimulus(
         squeeze,
-        {"x1": _hand(minimum_jerk(0.02), 1e-6, seed=1), "x2": _hand(minimum_jerk(0.018), 1e-6, seed=2)},
+        {"x1": _encoder(minimum_jerk(0.02), 1e-6, seed=1), "x2": _encoder(minimum_jerk(0.018), 1e-6, seed=2)},
         50.0,
         "force1",
         "two fingers squeeze a spring that vibrates",
@@ -54,7 +54,7 @@ STIMULI = (
     ),
     Stimulus(
         bumps,
-        {"x": _hand(minimum_jerk(0.1, rise=1.0, fall=1.0), 1e-5)},
+        {"x": _encoder(minimum_jerk(0.1, rise=1.0, fall=1.0), 1e-5)},
         250.0,
         "voltage",
         "a finger strokes six bumps on a touch screen",
@@ -63,7 +63,7 @@ STIMULI = (
     ),
     Stimulus(
         viscoelastic,
-        {"y": _hand(minimum_jerk(0.01), 1e-6)},
+        {"y": _encoder(minimum_jerk(0.01), 1e-6)},
         5.0,
         "force",
         "a finger presses a material between spring and dashpot",
@@ -84,7 +84,7 @@ class Shown(NamedTuple):
 
 
 def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Shown]:
-    """Show all of ``STIMULI``: the shipped scenes under a hand that is reported in codes of 1 um (on the touch screen 10 um).
+    """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um (on the touch screen 10 um).
 
     Parameters
     ----------
@@ -112,11 +112,7 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Show
     >>> first.name, first.passed, [path.name for path, _, _ in first.files]
     ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
-        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}; name another") from e
+    folder = regular.make_folder(folder)
     workers = min(workers or os.cpu_count() or 1, len(STIMULI))
     if workers == 1:
         yield from map(partial(show, folder), STIMULI)
@@ -141,6 +137,6 @@ def show(folder: Path, s: Stimulus) -> Shown:
         (wav, s.what, f"1.0 in the file is {s.full_scale:g} {unit}; {wav.name}.json has what it takes to make it again"),
         (ears, f"its vibration, {heard:.2f} {unit} of {report.peak[s.output]:.1f} {unit}, for ears", s.hear),
         (png, "its picture", s.look),
-        (page, "its proof", f"{checks}; each line says what it compared"),
+        (page, "its proof", f"{checks}; each line names what it compared"),
     ]
     return Shown(name, proof.passed, files)

@@ -17,6 +17,12 @@ def shown(text: object) -> str:
     return _CONTROL.sub(lambda m: ascii(m.group())[1:-1], str(text))
 
 
+def shortened(value: object) -> str:
+    """The repr of a value, at most 80 characters of it."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 class StimlibError(Exception):
     """Base of every error that stimlib raises on purpose; its text may quote files of others, so it is fit to be shown."""
 
@@ -53,7 +59,7 @@ class FaultError(StimlibError, RuntimeError):
 
 
 class MissingPackage(StimlibError, ImportError):
-    """Something needs a package that stimlib does not depend on; the message says how to install it."""
+    """Something needs a package that stimlib does not depend on; the message has the command that installs it."""
 
 
 class UnknownName(StimlibError, KeyError):

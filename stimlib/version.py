@@ -1,3 +1,3 @@
-"""The release, which every file that is written tells."""
+"""The release, which is in every file that is written."""
 
 __version__ = "0.1.0"

@@ -21,17 +21,11 @@ from stimlib import blocks as b
 from stimlib.blocks.actuator import ForceLimit, Tally, force_limit, motor_current, slew_limit, static_limit
 from stimlib.blocks.bump import bump
 from stimlib.blocks.carrier import carrier
+from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
-from stimlib.blocks.relaxation import (
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-    generalized_maxwell,
-    maxwell,
-    standard_linear_solid,
-)
+from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.blocks.tracking import track, track_velocity
 from stimlib.core.graph import Block, Guard, registry
 from stimlib.design import responses as law

@@ -18,7 +18,7 @@ from stimlib import blocks as b
 from stimlib.blocks.actuator import StaticLimit
 from stimlib.blocks.bump import LinearBump, SineBump
 from stimlib.blocks.carrier import Carrier
-from stimlib.blocks.creep import Integral
+from stimlib.blocks.creep import Integral, KelvinChain, compliance_kelvin_voigt
 from stimlib.blocks.delay import Delay
 from stimlib.blocks.fir import Differentiator, Taps
 from stimlib.blocks.fractional import Springpot, SpringpotLive
@@ -26,7 +26,7 @@ from stimlib.blocks.gate import Gate, GateState
 from stimlib.blocks.impedance import FirstOrder, Velocity
 from stimlib.blocks.modes import Modes, Pinking, PinkNoise
 from stimlib.blocks.noise import ONE, White, WhiteState, noise_key, pair_of_words, radius, turn
-from stimlib.blocks.relaxation import KelvinChain, MaxwellArms, compliance_kelvin_voigt, maxwell
+from stimlib.blocks.relaxation import MaxwellArms, maxwell
 from stimlib.blocks.series import Series
 from stimlib.blocks.table import Lut
 from stimlib.blocks.thesis import ShortMemory

@@ -11,7 +11,8 @@ import pytest
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks.relaxation import generalized_maxwell, relaxation_modulus
+from stimlib.blocks.continuous import relaxation_modulus
+from stimlib.blocks.relaxation import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.relaxation import (
     MaxwellFit,

@@ -460,7 +460,7 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(motion={"x": np.ones((3, 1)) * 1j}), BadValue, "input 'x' must be real"),
         (dict(motion={"x": np.sin}), BadValue, "input 'x' must be real numbers.*sample it"),
         (dict(motion={"x": [[1.0], [1.0, 2.0]]}), BadValue, "input 'x' must be"),
-        (dict(motion={"x": 1.0}), BadValue, "say n"),
+        (dict(motion={"x": 1.0}), BadValue, "give n"),
         (dict(motion={"x": 1.0}, n=-1), BadValue, "n = -1"),
         (dict(motion={"x": 1.0}, n=2.0), BadValue, "n = 2.0"),
         (dict(motion={"x": 1.0}, n=True), BadValue, "n = True"),

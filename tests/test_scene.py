@@ -203,7 +203,7 @@ def test_a_user_block_loads_where_it_is_imported(tmp_path):
     name = f"{__name__}.Doubled"
     kept = registry.pop(name)
     try:
-        with pytest.raises(SceneFileError, match=f"import {__name__} first; on the command line, say --import "):
+        with pytest.raises(SceneFileError, match=f"import {__name__} first; on the command line, add --import "):
             load(tmp_path / "s.json")
         remedies = {"__main__": "a script or a notebook defined", "lab": "--import lab.py$", "lab.a": "a file .* imports lab.a$"}
         for module, says in remedies.items():

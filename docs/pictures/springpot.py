@@ -24,7 +24,7 @@ from stimlib.blocks import (
     springpot,
     springpot_stiffness,
 )
-from stimlib.blocks.relaxation import creep_compliance
+from stimlib.blocks.continuous import creep_compliance
 from stimlib.motion.generators import ramp_and_hold
 
 HERE = Path(__file__).parent

@@ -104,10 +104,6 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
     duty : float
         In (0, 1].
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     BadValue
@@ -212,10 +208,6 @@ def meeting(waveform: str, duty: float, rate: float, freq: float, fs: float, sec
         Bumps per second and carrier frequency in Hz.
     fs, seconds : float
         Sample rate in Hz and T in s.
-
-    Returns
-    -------
-    float
 
     Examples
     --------

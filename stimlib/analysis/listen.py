@@ -67,7 +67,7 @@ def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: f
     output : str
         Name of the output.
     path : path
-        A format that holds floats, such as NAME-listen.wav; the sidecar says how much was amplified.
+        A format that holds floats, such as NAME-listen.wav; the sidecar has the amplification.
     cutoff : float
         In Hz, see ``vibration``.
 

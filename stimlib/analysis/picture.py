@@ -34,7 +34,7 @@ SLOW = 20.0  # Hz: what is slower is no vibration
 
 
 class Against(NamedTuple):
-    """A spectrum, and what a law says of it; arrays of shape (n,), PSD in the unit's square per Hz."""
+    """A spectrum, and what a law predicts; arrays of shape (n,), PSD in the unit's square per Hz."""
 
     title: str
     unit: str

@@ -1,4 +1,4 @@
-"""Is this noise the noise that the model says?  Tests on the whitened periodogram of a stationary stream.
+"""Is this noise that of the model?  Tests on the whitened periodogram of a stationary stream.
 
 One Hann taper, every third bin: W_k = I_k / E[I_k] are independent Exp(1) if the model holds.  Sums over third octaves are
 then Gamma distributed, exactly; weighted sums, with at most four Legendre polynomials in log f as weights, see level, slope and
@@ -109,10 +109,6 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     Parameters
     ----------
     a, W : ndarray, shape (n,)
-
-    Returns
-    -------
-    float
 
     Examples
     --------

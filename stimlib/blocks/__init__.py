@@ -5,7 +5,7 @@ from .actuator import force_limit, motor_current, skin_drive, slew_limit, static
 from .bump import bump
 from .carrier import carrier
 from .continuous import equal_force, springpot_stiffness
-from .creep import compliance
+from .creep import compliance, compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from .delay import delay
 from .equalise import equalize
 from .fir import differentiator, fir
@@ -14,14 +14,7 @@ from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
-from .relaxation import (
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-    generalized_maxwell,
-    maxwell,
-    standard_linear_solid,
-)
+from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .series import springpot_series
 from .springpot import springpot
 from .table import lut

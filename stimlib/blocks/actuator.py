@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, Map, as_block, constant, positive, same_unit
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, positive, same_unit
 from ..core.maths import TINY, fma, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError
@@ -333,9 +333,6 @@ class Tally(Block):
     @staticmethod
     def step(p, s, x, before):
         return x, TallyState(s.n + where(x == before, NONE, ONE))
-
-
-NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 def motor_current(

@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, Param, as_block
+from ..core.graph import NONE, ONE, Block, Const, Param, as_block
 from ..core.maths import floor, fma, where
 from ..errors import BadValue, UnitError
 
 U, INT = np.uint64, np.int64
-NONE, ONE = U(0), U(1)
 
 WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
 SAMPLINGS = ("area", "point")
@@ -430,7 +429,7 @@ def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) ->
 
     References
     ----------
-    Paper 003, chapter 3 (unipolar waves, duty cycle, number of bumps) and figure 4.1.
+    The touch-screen thesis, chapter 3 (unipolar waves, duty cycle, number of bumps) and figure 4.1.
 
     Examples
     --------

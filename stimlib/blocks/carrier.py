@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, Param, as_block
+from ..core.graph import NONE, ONE, Block, Const, Param, as_block
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.program import lead
 from ..core.units import unit
@@ -22,7 +22,6 @@ from .bump import sinpi
 from .impedance import with_unit
 
 U, INT = np.uint64, np.int64
-NONE, ONE = U(0), U(1)
 
 RECTIFY = (None, "half", "full")
 QUARTER, SHIFT_11 = U(1 << 62), U(11)

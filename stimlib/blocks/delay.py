@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import Block, as_block
+from ..core.graph import NONE, ONE, Block, as_block
 from ..core.maths import where
 from ..design import responses
 from ..errors import BadValue
-
-NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 class DelayParams(NamedTuple):
@@ -82,10 +80,6 @@ def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
         At least 1.
     seconds : float, optional
         Rounded to whole samples at compile time.
-
-    Returns
-    -------
-    Block
 
     Raises
     ------

@@ -137,7 +137,7 @@ def equalize(
         Largest absolute value of the result, in the unit of ``signal``: what the amplifier can give.
     headroom : {"clip", "scale"}
         What happens where the limit is passed.  "clip": the samples beyond it are held there; count them in a recording,
-        ``np.sum(np.abs(y) >= limit)``, a block cannot tell.  "scale": the whole stimulus is reduced by
+        ``np.sum(np.abs(y) >= limit)``, a block cannot know.  "scale": the whole stimulus is reduced by
         min(1, limit/(peak largest gain)), everywhere and all the time, so that it is never passed.
     signal : float or Block
         What is equalised.  Default 1: the result is the gain.

@@ -12,7 +12,9 @@ from ..core.graph import Block, positive
 from ..core.maths import copy
 from ..core.maths import fir as fir_sum
 from ..core.units import unit
-from ..design import minimax, responses
+from ..design import responses
+from ..design.differentiator import differentiator_order, differentiator_taps
+from ..design.minimax import asked_by
 from ..errors import BadValue
 
 
@@ -94,10 +96,6 @@ def fir(x: Block, taps, unit: str = "") -> Block:
     unit : str
         Unit of the taps.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     BadValue
@@ -141,8 +139,8 @@ class Differentiator(Fir):
             )
         d = self._taps(fs, passband, order)
         if d.error > self.tol:
-            with minimax.asked_by("differentiator"):
-                need = minimax.differentiator_order(fs, passband, self._stop(fs, passband), self.tol)
+            with asked_by("differentiator"):
+                need = differentiator_order(fs, passband, self._stop(fs, passband), self.tol)
             raise BadValue(
                 f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of {d.error:.1e} up to {passband:g} Hz, "
                 f"above tol = {self.tol:g}; use order={need}, or tol={d.error:.1g}"
@@ -160,8 +158,8 @@ class Differentiator(Fir):
         return stopband if stopband <= fs / 2 else None
 
     def _taps(self, fs, passband, order):
-        with minimax.asked_by("differentiator"):
-            return minimax.differentiator_taps(fs, passband, self._stop(fs, passband), order)
+        with asked_by("differentiator"):
+            return differentiator_taps(fs, passband, self._stop(fs, passband), order)
 
 
 RATE = un.Unit((("second", -1.0),))

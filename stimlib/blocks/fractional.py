@@ -20,6 +20,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import exponentials as soe
 from ..design import responses
+from ..design.eights import eights, padded
 from ..errors import BadValue, UnitError
 from .table import Table, TableParams
 
@@ -94,17 +95,9 @@ def rest_state(r: soe.Rates) -> SpringpotState:
     return SpringpotState(np.zeros(9), np.zeros(eights(r.s.size)), np.zeros(eights(r.fine)), 0.0, 1.0)
 
 
-def eights(n: int) -> int:
-    return -(-n // 8) * 8
-
-
-def _padded(a: np.ndarray, n: int, value: float = 0.0) -> np.ndarray:
-    return np.concatenate([a, np.full(n - a.size, value)])
-
-
 def leaks(r: soe.Rates) -> np.ndarray:
     """1 - exp(-s): the slow modes live on its last digits."""
-    return _padded(-np.expm1(-r.s), eights(r.s.size), 1.0)
+    return padded(-np.expm1(-r.s), 1.0)
 
 
 def transfer(p, alpha, scale, taps, constant, r, z):
@@ -174,9 +167,7 @@ class Springpot(Block):
         rates = soe.rates(self.tol, self.horizon * fs)
         w = soe.weights(rates, self.scheme, self.order)
         e = leaks(rates)
-        p = SpringpotParams(
-            e, _padded(w.modes, e.size), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step
-        )
+        p = SpringpotParams(e, padded(w.modes), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step)
         return p, rest_state(rates)
 
     def laws(self, fs):
@@ -309,7 +300,7 @@ class SpringpotLive(Block):
         e, (high, rest) = leaks(rates), soe.two_words(fs)
         n = e.size + 1
         p = LiveParams(
-            e, _padded(live.a, n), _padded(live.high, n), _padded(live.low, n), live.poly, float(len(rates.x)), high, rest, fs,
+            e, padded(live.a, n=n), padded(live.high, n=n), padded(live.low, n=n), live.poly, float(len(rates.x)), high, rest, fs,
             1.0 if self.onset == "step" else 0.0,
         )  # fmt: skip
         s = rest_state(rates)

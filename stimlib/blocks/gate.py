@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, positive
+from ..core.graph import NONE, ONE, Block, positive
 from ..core.maths import where
 from ..errors import BadValue
 from .impedance import Velocity, step_peak
-
-NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 class GateParams(NamedTuple):

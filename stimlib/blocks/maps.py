@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from inspect import Parameter, Signature
 
 from ..core import maths
 from ..core import units as un
-from ..core.graph import Block, Map, as_block, same_unit
+from ..core.graph import Block, Map, same_unit
 from ..errors import UnitError
 
 
@@ -27,14 +29,17 @@ class Where(Map):
 
 
 @dataclass(frozen=True, eq=False)
-class Maximum(Map):
-    """The larger of two; nan if a is."""
-
+class _OneOf(Map, abstract=True):
     a: Block
     b: Block
 
     def units(self, *u):
         return same_unit("compare", self.a, self.b, *u)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum(_OneOf):
+    """The larger of two signals of one unit; nan if the first is."""
 
     @staticmethod
     def step(p, s, a, b):
@@ -42,14 +47,8 @@ class Maximum(Map):
 
 
 @dataclass(frozen=True, eq=False)
-class Minimum(Map):
-    """The smaller of two; nan if a is."""
-
-    a: Block
-    b: Block
-
-    def units(self, *u):
-        return same_unit("compare", self.a, self.b, *u)
+class Minimum(_OneOf):
+    """The smaller of two signals of one unit; nan if the first is."""
 
     @staticmethod
     def step(p, s, a, b):
@@ -58,7 +57,7 @@ class Minimum(Map):
 
 @dataclass(frozen=True, eq=False)
 class Sqrt(Map):
-    """The square root; nan below zero."""
+    """Square root; nan below zero."""
 
     x: Block
 
@@ -70,7 +69,10 @@ class Sqrt(Map):
         return maths.sqrt(x), s
 
 
+@dataclass(frozen=True, eq=False)
 class _Transcendental(Map, abstract=True):
+    x: Block
+
     def units(self, *u):
         if u[0] != un.ONE:
             raise UnitError(f"{type(self).__name__.lower()} of {self.children[0]!r} [{u[0]}]: the argument must have no unit")
@@ -79,9 +81,7 @@ class _Transcendental(Map, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class Exp(_Transcendental):
-    """exp(x)."""
-
-    x: Block
+    """exp(x) of a signal without unit."""
 
     @staticmethod
     def step(p, s, x):
@@ -90,9 +90,7 @@ class Exp(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Log(_Transcendental):
-    """Natural logarithm; -inf at 0, nan below."""
-
-    x: Block
+    """Natural logarithm of a signal without unit; -inf at 0, nan below."""
 
     @staticmethod
     def step(p, s, x):
@@ -103,8 +101,6 @@ class Log(_Transcendental):
 class Sin(_Transcendental):
     """sin(x), x in rad."""
 
-    x: Block
-
     @staticmethod
     def step(p, s, x):
         return maths.sin(x), s
@@ -114,8 +110,6 @@ class Sin(_Transcendental):
 class Cos(_Transcendental):
     """cos(x), x in rad."""
 
-    x: Block
-
     @staticmethod
     def step(p, s, x):
         return maths.cos(x), s
@@ -123,9 +117,7 @@ class Cos(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Tanh(_Transcendental):
-    """tanh(x), a soft clip."""
-
-    x: Block
+    """tanh(x) of a signal without unit: a soft clip."""
 
     @staticmethod
     def step(p, s, x):
@@ -134,7 +126,7 @@ class Tanh(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Nonzero(Map):
-    """1 where x is not 0, else 0 (nan counts as not 0)."""
+    """1 where x is not 0 (as nan), else 0: ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0."""
 
     x: Block
 
@@ -154,10 +146,6 @@ def where(c, a, b) -> Block:
     c, a, b : Block or float
         a and b of one unit.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     UnitError
@@ -171,33 +159,7 @@ def where(c, a, b) -> Block:
     >>> where(x > 1.0, x, 0.0)
     Where(Greater(..), Input('x'), Const(0.0))
     """
-    return Where(as_block(c), as_block(a), as_block(b))
-
-
-def maximum(a, b) -> Block:
-    """The larger of two signals of one unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import maximum
-    >>> maximum(Input("x"), 0.0)
-    Maximum(Input('x'), Const(0.0))
-    """
-    return Maximum(as_block(a), as_block(b))
-
-
-def minimum(a, b) -> Block:
-    """The smaller of two signals of one unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import minimum
-    >>> minimum(Input("x"), 1.0)
-    Minimum(Input('x'), Const(1.0))
-    """
-    return Minimum(as_block(a), as_block(b))
+    return Where(c, a, b)
 
 
 def clip(x, low, high) -> Block:
@@ -206,10 +168,6 @@ def clip(x, low, high) -> Block:
     Parameters
     ----------
     x, low, high : Block or float
-
-    Returns
-    -------
-    Block
 
     Raises
     ------
@@ -223,95 +181,29 @@ def clip(x, low, high) -> Block:
     >>> str(clip(Input("F", "N"), 0.0, constant(100.0, "N")).dim)
     'N'
     """
-    return Minimum(Maximum(as_block(x), as_block(low)), as_block(high))
+    return Minimum(Maximum(x, low), high)
 
 
-def sqrt(x) -> Block:
-    """Square root.
+def _function(cls: type[Map]) -> Callable[..., Block]:
+    """The function that makes a block of a class, with the class's name and docstring."""
+    name, signals = cls.__name__.lower(), ("Input('x')", "Const(0.5)")[: len(fields(cls))]  # type: ignore[arg-type]
 
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import sqrt
-    >>> str(sqrt(Input("a", "m**2")).dim)
-    'm'
-    """
-    return Sqrt(as_block(x))
+    def make(*signals: Block | float, **named: Block | float) -> Block:
+        return cls(*signals, **named)
 
-
-def exp(x) -> Block:
-    """exp(x) of a signal without unit.
+    make.__name__ = make.__qualname__ = name
+    make.__signature__ = Signature([Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD) for f in fields(cls)])  # type: ignore[arg-type,attr-defined]
+    make.__doc__ = f"""{cls.__doc__}
 
     Examples
     --------
     >>> from stimlib import Input
-    >>> from stimlib.blocks import exp
-    >>> exp(Input("x"))
-    Exp(Input('x'))
+    >>> from stimlib.blocks import {name}
+    >>> {name}({", ".join(signals).replace("Const(0.5)", "0.5")})
+    {cls.__name__}({", ".join(signals)})
     """
-    return Exp(as_block(x))
+    return make
 
 
-def log(x) -> Block:
-    """Natural logarithm of a signal without unit.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import log
-    >>> log(Input("x"))
-    Log(Input('x'))
-    """
-    return Log(as_block(x))
-
-
-def sin(x) -> Block:
-    """sin(x), x in rad.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import sin
-    >>> sin(Input("phase"))
-    Sin(Input('phase'))
-    """
-    return Sin(as_block(x))
-
-
-def cos(x) -> Block:
-    """cos(x), x in rad.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import cos
-    >>> cos(Input("phase"))
-    Cos(Input('phase'))
-    """
-    return Cos(as_block(x))
-
-
-def tanh(x) -> Block:
-    """tanh(x) of a signal without unit: a soft clip.
-
-    Examples
-    --------
-    >>> from stimlib import Input
-    >>> from stimlib.blocks import tanh
-    >>> tanh(Input("x"))
-    Tanh(Input('x'))
-    """
-    return Tanh(as_block(x))
-
-
-def nonzero(x) -> Block:
-    """1 where x is not 0, else 0: ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0.
-
-    Examples
-    --------
-    >>> from stimlib import Param
-    >>> from stimlib.blocks import nonzero
-    >>> nonzero(Param("A", 3.4))
-    Nonzero(Param('A'))
-    """
-    return Nonzero(as_block(x))
+maximum, minimum = _function(Maximum), _function(Minimum)
+sqrt, exp, log, sin, cos, tanh, nonzero = map(_function, (Sqrt, Exp, Log, Sin, Cos, Tanh, Nonzero))

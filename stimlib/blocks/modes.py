@@ -15,7 +15,10 @@ import numpy as np
 from ..core.graph import Block, positive
 from ..core.maths import modes
 from ..core.response import backward
-from ..design import minimax, responses
+from ..design import responses
+from ..design.eights import padded
+from ..design.minimax import asked_by
+from ..design.pink import cholesky, pink_modes, stationary_covariance
 from .noise import White, noise_key, normals
 
 
@@ -49,12 +52,8 @@ class Modes(Block, abstract=True):
 
 def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:
     """Parameters and rest state of a bank, padded to whole groups of eight."""
-    n = -(-e.size // 8) * 8
-    return ModesParams(_pad(e, n, 1.0), _pad(r, n, 0.0), float(d)), ModesState(np.zeros(n))
-
-
-def _pad(a, n, v):
-    return np.concatenate([a, np.full(n - a.size, v)])
+    e = padded(e, 1.0)
+    return ModesParams(e, padded(r), float(d)), ModesState(np.zeros(e.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +68,8 @@ class Pinking(Modes):
         positive(self, "f_low", "tol_db")
 
     def design(self, fs):
-        with minimax.asked_by("pinking"):
-            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with asked_by("pinking"):
+            m = pink_modes(fs, self.f_low, self.tol_db)
         return bank(m.e, m.r, m.d)
 
     def laws(self, fs):
@@ -127,8 +126,8 @@ class PinkNoise(Modes):
         positive(self, "psd_1hz", "f_low", "tol_db")
 
     def design(self, fs):
-        with minimax.asked_by("pink_noise"):
-            m = minimax.pink_modes(fs, self.f_low, self.tol_db)
+        with asked_by("pink_noise"):
+            m = pink_modes(fs, self.f_low, self.tol_db)
         gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
         return bank(m.e, gain * m.r, gain * m.d)
 
@@ -138,9 +137,9 @@ class PinkNoise(Modes):
             return s
         e = p.e[p.r != 0]
         g = normals(noise_key(seed, *self.white.noise_key, 1), e.size)
-        L = minimax.cholesky(minimax.stationary_covariance(e))
+        L = cholesky(stationary_covariance(e))
         q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
-        return ModesState(_pad(q, s.q.size, 0.0))
+        return ModesState(padded(q, n=s.q.size))
 
     def laws(self, fs):
         return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.graph import Block
+from ..core.graph import NONE, ONE, Block
 from ..core.maths import as_float, bits, copy, fma, sqrt, unbits, where, words
 from ..core.program import lead
 from ..errors import BadValue
@@ -20,7 +20,7 @@ U = np.uint64
 KEY_STEP_0, KEY_STEP_1 = U(0x9E3779B9), U(0xBB67AE85)
 FACTOR_0, FACTOR_1 = U(0xD2511F53), U(0xCD9E8D57)
 LOW, HALF_WORD = U(0xFFFFFFFF), U(32)
-NONE, ONE, TWO = U(0), U(1), U(2)
+TWO = U(2)
 
 
 def philox(c0, c1, c2, c3, k0, k1):

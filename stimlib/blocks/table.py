@@ -175,10 +175,6 @@ def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str
     unit : str
         Unit of the values.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     BadValue

@@ -11,8 +11,9 @@ import numpy as np
 from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
+from ..design.eights import padded
 from ..errors import BadValue
-from .fractional import AGAIN, check_fields, clear, eights, force_unit
+from .fractional import AGAIN, check_fields, clear, force_unit
 
 NAN = math.nan
 POINTS = 100  # of history that are summed
@@ -22,6 +23,23 @@ LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
 def binomials(alpha: float, n: int) -> np.ndarray:
     """w_j = (-1)^j binom(alpha, j), j < n."""
     return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
+
+
+@dataclass(frozen=True, eq=False)
+class Method(Block, abstract=True):
+    """D^alpha y, of the order alpha, as the thesis computes it."""
+
+    y: Block
+    contact: Block
+    order: float
+    horizon: float
+    onset: str
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
 
 
 class DownsampledParams(NamedTuple):
@@ -39,20 +57,8 @@ class DownsampledState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Downsampled(Block):
+class Downsampled(Method):
     """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
-
-    y: Block
-    contact: Block
-    order: float
-    horizon: float
-    onset: str
-
-    def check(self):
-        check_fields(self)
-
-    def units(self, *u):
-        return force_unit("springpot", u[0])
 
     def design(self, fs):
         n = math.ceil(self.horizon * fs)
@@ -111,25 +117,13 @@ class ShortMemoryState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ShortMemory(Block):
+class ShortMemory(Method):
     """D^alpha y from the last 100 samples alone."""
 
-    y: Block
-    contact: Block
-    order: float
-    horizon: float
-    onset: str
-
-    def check(self):
-        check_fields(self)
-
-    def units(self, *u):
-        return force_unit("springpot", u[0])
-
     def design(self, fs):
-        n = eights(POINTS)
-        taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
-        return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+        taps = padded(math.pow(fs, self.order) * binomials(self.order, POINTS))[::-1].copy()
+        step = 1.0 if self.onset == "step" else 0.0
+        return ShortMemoryParams(taps, step), ShortMemoryState(np.zeros(taps.size - 1), 0.0, 1.0)
 
     def laws(self, fs):
         return (responses.short_memory(self.order, fs),)

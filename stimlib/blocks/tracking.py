@@ -205,14 +205,8 @@ def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1
 
     Parameters
     ----------
-    x : Block
-        Position, held between reports.
-    bandwidth : float
-        Of both poles, in Hz.  Latency 2/w = 1/(pi bandwidth) seconds: 16 ms at 20 Hz.
-    contact : Block
-        Where it is not above 0 the velocity is 0; at re-contact it starts from 0.
-    max_jump : float, optional
-        A larger change of x in one sample restarts the tracker; the velocity is 0 at that sample.
+    x, bandwidth, contact, max_jump
+        As for ``track``.  The velocity is 0 off contact, and at the sample of a jump.
 
     Returns
     -------
@@ -226,7 +220,7 @@ def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1
 
     See Also
     --------
-    track : position, with the meaning of each argument.
+    track : position.
     stimlib.blocks.velocity : for positions sampled at the full rate.
 
     References

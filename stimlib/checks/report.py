@@ -213,7 +213,7 @@ def _figures(e: Evidence):
         _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below)),
     )
     if e.fingers:
-        yield "Vibration, rate and gate (paper 000, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
+        yield "Vibration, rate and gate (the UGrip paper, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
     if e.curves:
         yield "What the law is made of", _svg(lambda fig: _curves(fig, s, e), (12, 6))
 

@@ -48,7 +48,7 @@ class Limits:
     table_knots: float = 10_000
     """Points of a measured profile, each of which costs time where a scene is built."""
     sidecar_bytes: float = 256_000_000
-    """Size of a sidecar, of a table in a file, and of what a log says first."""
+    """Size of a sidecar, of a table in a file, and of the header of a log."""
     audio_bytes: float = 16_000_000_000
     """Size of a sound file that is read, and of its samples in memory."""
     events_bytes: float = 256_000_000
@@ -90,7 +90,7 @@ def _enough(amount: float) -> str:
     return f"{(math.floor(amount / unit) + 1) * unit:.2g}"
 
 
-_wrong: list[str] = []  # what the environment says and cannot mean: told where a limit is first needed
+_wrong: list[str] = []  # values of the environment that cannot be meant: an error where a limit is first needed
 
 
 def _from_environment() -> Limits:

@@ -25,7 +25,7 @@ def definitions(scene: Any) -> dict[str, dict[str, str]]:
     -------
     dict of str to dict
         By module of a class: ``text``, its whole file or notebook cell with the helpers and constants there, and its ``sha256``.
-        Nothing for blocks of stimlib, whose text the version tells. The text is "" where Python has kept none.
+        Nothing for blocks of stimlib, whose text follows from the version. The text is "" where Python has kept none.
 
     Examples
     --------
@@ -37,19 +37,19 @@ def definitions(scene: Any) -> dict[str, dict[str, str]]:
     return {module: {"sha256": _sha256(text := _text(cls)), "text": text} for module, cls in _own(scene).items()}
 
 
-def hashes(told: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
+def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
     """The hashes that a record states, and those that it must have: of its texts, for the modules of the scene's own blocks."""
-    needed = {module: _sha256(told[module]["text"] if module in told else "") for module in _own(scene)}
-    return {module: d["sha256"] for module, d in told.items()}, needed
+    needed = {module: _sha256(recorded[module]["text"] if module in recorded else "") for module in _own(scene)}
+    return {module: d["sha256"] for module, d in recorded.items()}, needed
 
 
-def changed(told: Mapping[str, Any], scene: Any) -> list[str]:
+def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
     """One line for each module whose text is another than the one that was recorded."""
     return [
         f"own blocks of {module}: the file is not the one that was recorded (sha256 {now['sha256'][:12]}, and not "
-        f"{told[module]['sha256'][:12]}); its text is kept under definitions"
+        f"{recorded[module]['sha256'][:12]}); its text is kept under definitions"
         for module, now in definitions(scene).items()
-        if module in told and told[module]["sha256"] != now["sha256"]
+        if module in recorded and recorded[module]["sha256"] != now["sha256"]
     ]
 
 

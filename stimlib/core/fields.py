@@ -1,6 +1,6 @@
 """JSON files of others: strict JSON, and a test for the value of every field that is used.
 
-A test is a function that says whether a value is good; those here are combined to the description of a whole file.
+A test is a function that returns whether a value is good; those here are combined to the description of a whole file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 class Test:
     """What a value must be: in words for a message, and as a function."""
 
-    says: str
+    wanted: str
     good: Callable[[Any], bool]
 
     __test__ = False  # pytest: this is none of yours
@@ -68,9 +68,9 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
     """
     for name, test in tests.items():
         if name not in data:
-            raise ValueError(f"{name} is missing; it must be {test.says}")
+            raise ValueError(f"{name} is missing; it must be {test.wanted}")
         if not test(data[name]):
-            raise ValueError(f"{name} must be {test.says}")
+            raise ValueError(f"{name} must be {test.wanted}")
 
 
 def between(low: float, high: float) -> Test:
@@ -90,23 +90,23 @@ def one_of(*values: str) -> Test:
 
 def table_of(test: Test) -> Test:
     """A table of good values."""
-    return Test(f"a table, each value {test.says}", lambda v: isinstance(v, dict) and all(map(test, v.values())))
+    return Test(f"a table, each value {test.wanted}", lambda v: isinstance(v, dict) and all(map(test, v.values())))
 
 
 def list_of(test: Test) -> Test:
     """A list of good values."""
-    return Test(f"a list, each value {test.says}", lambda v: isinstance(v, list) and all(map(test, v)))
+    return Test(f"a list, each value {test.wanted}", lambda v: isinstance(v, list) and all(map(test, v)))
 
 
 def record(tests: Mapping[str, Test]) -> Test:
     """A table with these fields, each of them good."""
-    says = ", ".join(f"{name} ({test.says})" for name, test in tests.items())
-    return Test(f"a table of {says}", lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()))
+    wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
+    return Test(f"a table of {wanted}", lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()))
 
 
 def maybe(test: Test) -> Test:
     """A good value or null."""
-    return Test(f"{test.says} or null", lambda v: v is None or test(v))
+    return Test(f"{test.wanted} or null", lambda v: v is None or test(v))
 
 
 def _number(v: Any) -> bool:

@@ -24,6 +24,7 @@ from .operators import NUMBERS, Refusals, functions, no_numpy, power
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
+NONE, ONE = np.uint64(0), np.uint64(1)  # of counters in a state
 
 
 def memo(f: F) -> F:
@@ -93,7 +94,7 @@ class Block(Refusals):
     autonomous: ClassVar[bool]  # no Input reaches it
     dim: ClassVar[Unit]  # unit of the output
 
-    # What a class may say about itself ---------------------------------------------------------------------------
+    # What a class may define ---------------------------------------------------------------------------------------
     def check(self) -> None:
         """Raise BadValue if a design number makes no sense."""
 
@@ -118,7 +119,7 @@ class Block(Refusals):
         return None
 
     def laws(self, fs: float) -> tuple[Any, ...]:
-        """What the response stands for, whatever ``design`` says (``stimlib.design.responses``): ``verify`` compares both."""
+        """What the response stands for, whatever ``design`` makes (``stimlib.design.responses``): ``verify`` compares both."""
         return ()
 
     def through(self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
@@ -242,7 +243,7 @@ _KINDS = {
 
 
 def design_value(where_: str, annotation: Any, v: Any) -> Any:
-    """A design number as its annotation says: finite floats, whole numbers, text, float64 arrays that nobody can change."""
+    """A design number as its annotation asks for: finite floats, whole numbers, text, float64 arrays that nobody can change."""
     if isinstance(v, Block):
         raise BadValue(
             f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
@@ -280,7 +281,7 @@ def design_value(where_: str, annotation: Any, v: Any) -> Any:
 
 
 def check_arguments(make: Callable, values: dict[str, Any]) -> None:
-    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations say."""
+    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations ask for."""
     for name, p in inspect.signature(make).parameters.items():
         if p.annotation is not p.empty:
             design_value(f"{make.__name__}: {name}", p.annotation, values[name])
@@ -632,10 +633,6 @@ def enabled(block: Block, by: Block) -> Block:
     by : Block
         The condition.
 
-    Returns
-    -------
-    Block
-
     Raises
     ------
     SceneError
@@ -713,9 +710,6 @@ class Guard(Block):
             at = where(healthy, at + ONE, at)
             y[i] = where(healthy, x[i], last * (left / p.m))
         return GuardState(last, left, at)
-
-
-NONE, ONE = np.uint64(0), np.uint64(1)
 
 
 # Flat memory ---------------------------------------------------------------------------------------------------------

@@ -155,7 +155,7 @@ def lower(outputs: dict[str, Block]) -> Program:
             if name in noises and not q.block.shared:
                 raise SceneError(
                     f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in two gates): each clock would "
-                    "run its own copy; give each its own stream, or say shared=True if one noise everywhere is meant"
+                    "run its own copy; give each its own stream, or give shared=True if one noise everywhere is meant"
                 )
             noises.setdefault(name, i)
     text = repr([(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances])

@@ -26,10 +26,6 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
     error : type
         What is raised.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     error
@@ -64,10 +60,10 @@ def opened(path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[S
     try:
         # a pipe without a writer would wait for ever
         fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_NOFOLLOW if writes else 0), 0o666)
-    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
+    except (OSError, ValueError) as e:
         if writes and os.path.islink(path):
             check(path, error)
-        raise error(f"{what}: {getattr(e, 'strerror', None) or e}") from e
+        raise error(f"{what}: {_reason(e)}") from e
     info = os.fstat(fd)
     if not stat.S_ISREG(info.st_mode) or (writes and info.st_nlink > 1):
         os.close(fd)
@@ -83,7 +79,7 @@ def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -
     except FileNotFoundError:
         return
     except (OSError, ValueError) as e:
-        raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+        raise error(f"cannot write {path}: {_reason(e)}") from e
     if not stat.S_ISREG(mode):
         kind = "a link" if stat.S_ISLNK(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
         raise error(f"cannot write {path}: it is there already and is {kind}; remove it, or write to another place")
@@ -100,7 +96,7 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
             os.unlink(path)
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     except (OSError, ValueError) as e:
-        raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+        raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
 def publish(path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError) -> None:
@@ -143,7 +139,7 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
         with suppress(OSError):
             os.unlink(part)
         if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
-            raise error(f"cannot write {path}: {getattr(e, 'strerror', None) or e}") from e
+            raise error(f"cannot write {path}: {_reason(e)}") from e
         raise
 
 
@@ -155,3 +151,17 @@ def settle(folder: Path) -> None:
             os.fsync(fd)
         finally:
             os.close(fd)
+
+
+def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> Path:
+    """Make a folder, and those above it, where they are missing."""
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as e:
+        raise error(f"cannot make the folder {path}: {_reason(e)}; name another") from e
+    return Path(path)
+
+
+def _reason(e: Exception) -> str:
+    """Of the system; of a ValueError, a NUL or half a character in the name."""
+    return getattr(e, "strerror", None) or str(e)

@@ -1,4 +1,4 @@
-"""Latency and frequency response of a whole program, from what its blocks say of themselves."""
+"""Latency and frequency response of a whole program, from the forms that its blocks have."""
 
 from __future__ import annotations
 

@@ -180,10 +180,6 @@ def load(path: str | os.PathLike) -> Scene:
     ----------
     path : str or Path
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     SceneFileError
@@ -208,7 +204,7 @@ def _remedy(module: str) -> str:
     if module == "__main__":
         return "a script or a notebook defined it; define it in a file of its own, import that there, and record again"
     file = f"{module}.py" if module.isidentifier() else f"a file of yours that imports {module}"
-    return f"import {module} first; on the command line, say --import {file}"
+    return f"import {module} first; on the command line, add --import {file}"
 
 
 def _no_constant(text: str) -> Any:

@@ -1,4 +1,4 @@
-"""What a step may say, checked on its source before any target runs it.
+"""The Python that a step may use, checked on its source before any target runs it.
 
 Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the functions of ``stimlib.core.maths``, helper
 functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
@@ -91,7 +91,7 @@ def names(f: Callable) -> dict[str, Any]:
 
 
 def check(f: Callable, tile: bool = False) -> None:
-    """Raise SceneError, with file and line, where a step or tile says what not every target means alike.
+    """Raise SceneError, with file and line, where a step or tile uses what not every target takes alike.
 
     Examples
     --------
@@ -192,7 +192,7 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
         refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
     try:
         text, offset = _source(f, f.__code__)
-    except SceneError:  # the interpreter needs no text; a compiler says so itself
+    except SceneError:  # the interpreter needs no text; a compiler raises the same
         return
     body = ast.parse(text).body[0]
     stored = {n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}

@@ -59,7 +59,7 @@ def _is_unit(v: object) -> None:
 
 
 ONE = Unit(())
-# pint computes what a text says, for hours if it says 9**9**9**9; scene files come from others
+# pint computes a text, for hours if it is 9**9**9**9; scene files come from others
 _HUGE = re.compile(r"[\d.]\s*(\*\*|\^)|\d[eE]|(?<![\d.])\d{3}")
 _OF_GROUP = re.compile(r"\)\s*(\*\*|\^)")
 
@@ -91,10 +91,6 @@ def unit(text: str) -> Unit:
     ----------
     text : str
         Such as ``"m"``, ``"N/m"``, ``"N*s/m"``; ``""`` and ``"1"`` mean no unit.
-
-    Returns
-    -------
-    Unit
 
     Raises
     ------

@@ -133,10 +133,6 @@ def rates(tol: float, samples: float) -> Rates:
     samples : float
         Horizon; the bound on the slowest part holds up to there.
 
-    Returns
-    -------
-    Rates
-
     Raises
     ------
     BadValue
@@ -223,10 +219,6 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
     scheme : {"gl", "l1"}
     alpha : float
 
-    Returns
-    -------
-    Weights
-
     Examples
     --------
     >>> import numpy as np
@@ -303,10 +295,6 @@ def bound(r: Rates, alpha: float) -> float:
     alpha : float
         From 0 to 1.
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> from stimlib.design.exponentials import bound, rates
@@ -351,10 +339,6 @@ def live(r: Rates, scheme: str) -> LiveOrders:
     ----------
     r : Rates
     scheme : {"gl", "l1"}
-
-    Returns
-    -------
-    LiveOrders
     """
     x = np.array(r.x)
     if scheme == "gl":

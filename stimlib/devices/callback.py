@@ -407,7 +407,7 @@ def jack(n, c):
 
 @cfunc(types.void(i4, I8), cache=True, error_model="numpy")
 def jack_freewheel(starting, c):
-    """A JackFreewheelCallback: without a clock there is time to wait for a hand and a log."""
+    """A JackFreewheelCallback: without a clock there is time to wait for a motion and a log."""
     store(c, WAIT, 1000000 if starting else 0)
 
 
@@ -439,7 +439,7 @@ def jack_capture(n, c):
 def portaudio_block(c, source, out, n, dac, flags):
     """A block of PortAudio: interleaved frames at ``source`` and ``out``, and the time in s at which its first is heard.
 
-    PortAudio tells that frames were skipped, not how many: that is how much later than expected the block is heard, in whole
+    PortAudio reports that frames were skipped, not how many: that is how much later than expected the block is heard, in whole
     blocks (its clock is not exact).
     """
     outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
@@ -467,33 +467,34 @@ def portaudio(source, out, n, time, flags, c):
     return 0
 
 
-TABLE_OF = types.Array(types.int64, 1, "C")
 COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
 
 
-@njit([types.int64(TABLE_OF, types.int64, types.int64)], cache=True, error_model="numpy", nogil=True)
+def from_python(*args, **options):
+    """Compile a function of the context, as an array, and of these, whose result is a whole number."""
+    return njit([types.int64(types.Array(types.int64, 1, "C"), *args)], cache=True, error_model="numpy", **options)
+
+
+@from_python(types.int64, types.int64, nogil=True)
 def block(c, n, lost):
     """``pump`` for callers in Python: the fallback, tests, warm-up."""
     pump(data(c), n, lost)
     return 0
 
 
-@njit([types.int64(TABLE_OF, types.int64)], cache=True, error_model="numpy", nogil=True)
+@from_python(types.int64, nogil=True)
 def jack_from_python(c, n):
     jack_block(data(c), n)
     return 0
 
 
-@njit(
-    [types.int64(TABLE_OF, types.int64, types.int64, types.int64, types.float64, types.int64)],
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+@from_python(types.int64, types.int64, types.int64, types.float64, types.int64, nogil=True)
 def portaudio_from_python(c, source, out, n, dac, flags):
     portaudio_block(data(c), source, out, n, dac, flags)
     return 0
 
 
-@njit([types.int64(TABLE_OF, types.int64, types.float64, types.int64)], cache=True, error_model="numpy", nogil=True)
+@from_python(types.int64, types.float64, types.int64, nogil=True)
 def null(c_, n, fs, clocked):
     """A device that is none: blocks of n at the pace of the clock, or as fast as they come, until it is closed.
 
@@ -519,7 +520,7 @@ def null(c_, n, fs, clocked):
 
 
 # the other ends of the rings -----------------------------------------------------------------------------------------
-@njit([types.int64(TABLE_OF, types.int64, types.int64, types.int64, types.int64)], cache=True, error_model="numpy")
+@from_python(types.int64, types.int64, types.int64, types.int64)
 def put_command(c_, kind, a, b, d):
     """0 when the ring is full."""
     c = data(c_)
@@ -533,7 +534,7 @@ def put_command(c_, kind, a, b, d):
     return 1
 
 
-@njit([types.int64(TABLE_OF, COLUMNS)], cache=True, error_model="numpy")
+@from_python(COLUMNS)
 def put_motion(c_, x):
     """Columns of x (n_in, n) into the ring; returns how many had room."""
     c = data(c_)
@@ -546,7 +547,7 @@ def put_motion(c_, x):
     return max(n, 0)
 
 
-@njit([types.int64(TABLE_OF)], cache=True, error_model="numpy")
+@from_python()
 def next_motion(c_):
     """Index of the column that a timed motion writes next; it never writes what has been passed already."""
     c = data(c_)
@@ -557,49 +558,40 @@ def next_motion(c_):
     return w
 
 
-@njit([types.int64(TABLE_OF, types.Array(types.int64, 2, "C"))], cache=True, error_model="numpy")
+@plain
+def take(c, ring, width, size, read, write, out):
+    """What a ring has had since the last call, into the rows of out (n, width); returns how many rows."""
+    r = c[read]
+    n = min(load(c, write) - r, out.shape[0])
+    for k in range(n):
+        for a in range(width):
+            out[k, a] = ring[((r + k) % size) * width + a]
+    store(c, read, r + n)
+    return n
+
+
+@from_python(types.Array(types.int64, 2, "C"))
 def get_events(c_, out):
-    """Records (at, kind, three numbers) into the rows of out; returns how many."""
+    """Records: at, kind, three numbers."""
     c = data(c_)
-    r = c[E_READ]
-    n = min(load(c, E_WRITE) - r, out.shape[0])
-    ring = i8_at(c[E_RING])
-    for k in range(n):
-        for a in range(RECORD):
-            out[k, a] = ring[RECORD * ((r + k) % EVENTS) + a]
-    store(c, E_READ, r + n)
-    return n
+    return take(c, i8_at(c[E_RING]), RECORD, EVENTS, E_READ, E_WRITE, out)
 
 
-@njit([types.int64(TABLE_OF, types.Array(types.float64, 2, "C"))], cache=True, error_model="numpy")
+@from_python(types.Array(types.float64, 2, "C"))
 def get_motion(c_, out):
-    """Columns of the motion as processed into the rows of out (n, n_in); returns how many."""
+    """Columns of the motion as processed."""
     c = data(c_)
-    r, inputs = c[X_READ], c[N_IN]
-    n = min(load(c, X_WRITE) - r, out.shape[0])
-    for k in range(n):
-        ring = f8_at(c[X_RING] + 8 * inputs * ((r + k) % c[L_SIZE]))
-        for a in range(inputs):
-            out[k, a] = ring[a]
-    store(c, X_READ, r + n)
-    return n
+    return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out)
 
 
-@njit([types.int64(TABLE_OF, types.Array(types.float32, 2, "C"))], cache=True, error_model="numpy")
+@from_python(types.Array(types.float32, 2, "C"))
 def get_frames(c_, out):
-    """Delivered frames into the rows of out (n, channels); returns how many."""
+    """Delivered frames."""
     c = data(c_)
-    r, channels = c[F_READ], c[CHANNELS]
-    n = min(load(c, F_WRITE) - r, out.shape[0])
-    for k in range(n):
-        ring = f4_at(c[F_RING] + 4 * channels * ((r + k) % c[L_SIZE]))
-        for j in range(channels):
-            out[k, j] = ring[j]
-    store(c, F_READ, r + n)
-    return n
+    return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out)
 
 
-@njit([types.int64(TABLE_OF, types.int64, types.int64)], cache=True, error_model="numpy")
+@from_python(types.int64, types.int64)
 def write(c, word, value):
     """Set a word of the context for the callback to see."""
     store(data(c), word, value)

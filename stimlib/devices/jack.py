@@ -15,7 +15,8 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import BadValue, SinkError
-from .sink import Sink, keep_loaded
+from .process import keep_loaded
+from .sink import Sink
 from .sources import Signals
 
 SILENT_FOR = 2.0
@@ -85,13 +86,13 @@ class JackSink(Sink):
 
     def _open(self) -> None:
         jack = _jack()
-        said: list[str] = []
-        jack.set_error_function(said.append)  # libjack would print them
+        printed: list[str] = []
+        jack.set_error_function(printed.append)  # libjack would print them
         try:
             try:
                 self._client = client = jack.Client(self.name, use_exact_name=True, no_start_server=True, servername=self.server)
             except jack.JackOpenError as e:
-                raise self._no_client(e, said) from None
+                raise self._no_client(e, printed) from None
             self._fits(client)
             outs = [client.outports.register(n) for n in self._port_names()]
             ins = []
@@ -108,11 +109,11 @@ class JackSink(Sink):
                 if source is not None:
                     client.connect(source, port)
         except jack.JackError as e:
-            raise SinkError(f"jack: {e}" + (f" ({said[-1]})" if said else "")) from None
+            raise SinkError(f"jack: {e}" + (f" ({printed[-1]})" if printed else "")) from None
         finally:
             jack.set_error_function(_quiet)
 
-    def _no_client(self, e: Any, said: list[str]) -> SinkError:
+    def _no_client(self, e: Any, printed: list[str]) -> SinkError:
         where = f"server {self.server!r}" if self.server else "server"
         if e.status.name_not_unique or self._is_there():
             return SinkError(
@@ -121,14 +122,14 @@ class JackSink(Sink):
         if e.status.server_failed:
             how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
             return SinkError(f"jack: no {where} is running: start one, such as {how}")
-        why = f"{e} ({said[0]})" if said else str(e)
+        why = f"{e} ({printed[0]})" if printed else str(e)
         return SinkError(
             f"jack: the {where} takes no client: {why}: try again; where several servers run on this machine, with a name that "
             "no client of the others has (play --client)"
         )
 
     def _is_there(self) -> bool:
-        """Whether the server has a client of this name (jackd says only that something went wrong)."""
+        """Whether the server has a client of this name (jackd reports only that something went wrong)."""
         jack = _jack()
         try:
             client = jack.Client(f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server)
@@ -259,4 +260,4 @@ class JackSink(Sink):
 
 
 def _quiet(message: str) -> None:
-    """libjack says again what its results and callbacks tell already."""
+    """libjack prints what its results and callbacks have reported already."""

@@ -39,7 +39,7 @@ class Loopback:
     cable : bool
         Recorded from other ports than the sink's own.
     latency : float, s
-        Through the cable; without one, what JACK says about the way to the outputs.
+        Through the cable; without one, what JACK reports for the way to the outputs.
     gain, residual : float
         Of the cable: amplitude, and what is left after gain and delay, relative to the signal.  1 and 0 without a cable.
     tolerance : float
@@ -181,10 +181,6 @@ def loopback(
     tolerance : float
         Of a cable: largest residual, relative to the signal.
 
-    Returns
-    -------
-    Loopback
-
     Raises
     ------
     SinkError, BadValue
@@ -239,7 +235,7 @@ def through(
 ) -> tuple[int, float, float, int]:
     """Delay and gain of a cable: those that leave the smallest part of what was recorded unexplained.
 
-    Frames that either side lost say nothing of the cable, so they are left out.
+    Frames that either side lost are no evidence of the cable, so they are left out.
 
     Parameters
     ----------

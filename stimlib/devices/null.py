@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .sink import Sink, begin, fifo
+from .process import begin, fifo
+from .sink import Sink
 
 
 class NullSink(Sink):

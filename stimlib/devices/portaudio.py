@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from .sink import Sink, _abandoned, _close_all, keep_loaded
+from .process import abandoned, close_all, keep_loaded
+from .sink import Sink
 from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
@@ -62,8 +63,8 @@ def _sounddevice() -> ModuleType:
 
 def _fade_first() -> None:
     """sounddevice ends PortAudio at the end of the program: our sinks are closed before."""
-    atexit.unregister(_close_all)
-    atexit.register(_close_all)
+    atexit.unregister(close_all)
+    atexit.register(close_all)
 
 
 class PortAudioSink(Sink):
@@ -85,7 +86,7 @@ class PortAudioSink(Sink):
     Notes
     -----
     PortAudio finds devices and servers when ``sounddevice`` is first imported: those that come later need a new process.  It
-    says that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
+    reports that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
 
     PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA gives in an order of its own, and mix what
     does not match: ``docs/howto/hardware.rst`` says how each channel stays itself.
@@ -154,7 +155,7 @@ class PortAudioSink(Sink):
         self.block = self._stream.blocksize or None
 
     def _fits(self, sd: ModuleType, inputs: int) -> None:
-        """Errors that say what to do, before PortAudio's own."""
+        """Errors that have a remedy, before PortAudio's own."""
         try:
             info = sd.query_devices(self.name, "output")
             source = sd.query_devices(self.name, "input") if inputs else None
@@ -244,7 +245,7 @@ class PortAudioSink(Sink):
         if end:
             atexit.unregister(end)  # ending PortAudio waits for a device that never answers, and so would the program
         if self._hangs:
-            _abandoned.append(stream)
+            abandoned.append(stream)
             return
         with _alone():
             stream.stop()

@@ -6,20 +6,14 @@ own callback; everything here runs in ordinary threads and talks to it through r
 
 from __future__ import annotations
 
-import atexit
-import ctypes
-import gc
 import logging
 import math
 import os
-import signal
 import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import Any, Self
@@ -32,7 +26,9 @@ from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import Safety, Watch, protect
 from ..version import __version__
+from .process import abandoned, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .pump import Pump
+from .session import Recorder, SessionReport
 from .sources import Feeder, Live, Recorded, Scripted, length, source_of
 
 logger = logging.getLogger(__name__)
@@ -43,175 +39,6 @@ LONGEST_BLOCK = 0.25
 """Seconds of a device's block: a stop comes a block late, and must be over before ``close`` returns."""
 
 
-# Report --------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class SessionReport:
-    """What a session did.
-
-    Attributes
-    ----------
-    produced : int
-        Samples that the processor has run: delivered + lost.
-    delivered : int
-        Frames that the device took.
-    lost : int
-        Frames that the device skipped; they were produced and discarded, so that time stays right.
-    underruns : int
-        How often it skipped.
-    clips : dict
-        Samples that the safety stage changed, {"peak", "static", "slew" or "clip": {output: count}}.
-    faults : dict of str to int
-        Outputs that were stopped because they were not finite, and the sample index of each.
-    block_time : dict of str to float, s
-        Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
-    latency : float, s
-        From the callback to the device, as the device says.
-    stale : int
-        How often the motion stayed away.
-    unlogged : int
-        Samples missing in the log because it was more than 4 s behind.
-    skipped : int
-        Columns of a live motion that came too fast.
-    """
-
-    produced: int
-    delivered: int
-    lost: int
-    underruns: int
-    clips: dict[str, dict[str, int]]
-    faults: dict[str, int]
-    block_time: dict[str, float]
-    latency: float
-    stale: int = 0
-    unlogged: int = 0
-    skipped: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data."""
-        return asdict(self)
-
-    def __str__(self) -> str:
-        t = ", ".join(f"{k} {v * 1e6:.0f} us" for k, v in self.block_time.items())
-        line = f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in {self.underruns} underruns; blocks {t}"
-        more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
-        more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
-        more += [f"motion stale {self.stale} times"] if self.stale else []
-        more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
-        more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
-        return "; ".join([line, *more])
-
-
-# Real time -----------------------------------------------------------------------------------------------------------
-MCL_CURRENT, MCL_ONFAULT = 1, 4
-
-
-def _lock_memory() -> bool:
-    """Memory stays in place, that of now and what comes; False where that is not permitted."""
-    libc = ctypes.CDLL(None)
-    return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
-
-
-def keep_loaded(library: str) -> None:
-    """A library stays in memory until the process has ended: its threads run on where a device hangs."""
-    ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
-
-
-def begin(thread: threading.Thread) -> threading.Thread:
-    """Start a thread; ``SinkError`` where the system has none left."""
-    try:
-        thread.start()
-    except RuntimeError as e:
-        raise SinkError(f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)") from None
-    return thread
-
-
-def fifo(priority: int = 60) -> bool:
-    """SCHED_FIFO for the calling thread; False where that is not permitted."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError):
-        return False
-    return True
-
-
-# The process, which several sinks may share -----------------------------------------------------------------------------
-ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
-"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that is closed."""
-
-_abandoned: list[Any] = []  # memory that a device which never let go may still use
-_open_sinks: set[Sink] = set()  # a device may call as long as its sink is open, so they are kept
-_playing: set[Sink] = set()  # from start to close
-_process = threading.RLock()  # for whoever begins or ends to play: signals and memory are the process's
-
-
-def _end(number, frame) -> None:
-    raise SystemExit(128 + number)
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
-
-
-def _begin_playing(sink: Sink) -> None:
-    """Signals end the program like an exception does, so that ``with`` and atexit fade out; old objects are not collected."""
-    with _process:
-        _playing.add(sink)
-        if _in_main_thread():
-            for s in ENDS:
-                if signal.getsignal(s) is signal.SIG_DFL:
-                    signal.signal(s, _end)
-        if sink.realtime:
-            gc.collect()
-            gc.freeze()
-            if not _lock_memory():
-                sink._refused.append("locking memory (ulimit -l)")
-
-
-def _end_playing(sink: Sink) -> None:
-    """The last one gives back what the first has taken."""
-    with _process:
-        if sink not in _playing:
-            return
-        _playing.discard(sink)
-        if not _playing and _in_main_thread():
-            for s in ENDS:
-                if signal.getsignal(s) is _end:
-                    signal.signal(s, signal.SIG_DFL)
-        if sink.realtime and not any(other.realtime for other in _playing):
-            gc.unfreeze()
-            libc = ctypes.CDLL(None)
-            if hasattr(libc, "munlockall"):
-                libc.munlockall()
-
-
-@contextmanager
-def _signals_wait() -> Iterator[None]:
-    """Ctrl-C and the like come after what is in here: in the middle of a fade they would make it a click."""
-    if not _in_main_thread():
-        yield
-        return
-    came: list[int] = []
-    kept = {s: h for s in (signal.SIGINT, *ENDS) if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)}
-    for s in kept:
-        signal.signal(s, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        for s, handler in kept.items():
-            signal.signal(s, handler)
-        for s in dict.fromkeys(came):
-            signal.raise_signal(s)
-
-
-@atexit.register
-def _close_all() -> None:
-    with _signals_wait():
-        for sink in list(_open_sinks):
-            with suppress(Exception):  # the others are to fade too
-                sink.close()
-
-
-# The protocol --------------------------------------------------------------------------------------------------------
 class Sink:
     """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four methods at the end.
 
@@ -342,7 +169,7 @@ class Sink:
             self._closed = self._closer.is_alive()  # else it may be opened again: a server may come later
             raise
         self._opened = True
-        _open_sinks.add(self)
+        open_sinks.add(self)
         logger.info("%s: opened %r", self.device, self)
 
     def _warm_up(self) -> None:
@@ -383,18 +210,12 @@ class Sink:
         if isinstance(self.motion, Scripted):
             self._feeder = Feeder(self.pump, self.motion, self._fail)
             self._feeder.fill()
-        self._writer = self._make_log()
-        self._cursor = 0
-        self._pending: list[tuple[int, str, dict[str, Any]]] = []
-        self._gone: list[str] = []
+        self._recorder = Recorder(self.pump, self._watch, self._make_log(), self._fail)
         self._calls, self._silence = 0, 0.0
-        self._stales = 0
-        self._told: dict[str, dict[str, int]] = {}
-        self._told_at = time.monotonic()
         self._over = threading.Event()
         self._started = True
         try:
-            _begin_playing(self)
+            self._refused += begin_playing(self)
             if self._feeder:
                 begin(self._feeder)
             self._worker = begin(threading.Thread(target=self._work, name="stimlib sink", daemon=True))
@@ -443,7 +264,7 @@ class Sink:
 
     def stop(self, reason: str = "stop") -> None:
         """Fade out and wait until the last sample has left; the device stays open, and silent."""
-        with _signals_wait(), self._lock:
+        with signals_wait(), self._lock:
             if not self._started or self._stopped:
                 return
             self._stopped = True
@@ -465,12 +286,12 @@ class Sink:
         """Fade out, let the device go and end the log, within 2 s."""
         began = time.monotonic()
         try:
-            with _signals_wait(), self._lock:
+            with signals_wait(), self._lock:
                 if self._opened and not self._closed:
                     self._close_by(began + CLOSE_WITHIN)
                 self._closed = True
         finally:
-            _end_playing(self)
+            end_playing(self)
 
     def _close_by(self, end: float) -> None:
         try:
@@ -493,7 +314,7 @@ class Sink:
                     self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
                     if self._worker.is_alive():
                         warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
-            _open_sinks.discard(self)
+            open_sinks.discard(self)
             logger.info("%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else "")
 
     def __enter__(self) -> Self:
@@ -509,7 +330,7 @@ class Sink:
         self._let_go.set()
         self._closer.join(seconds)
         if self._closer.is_alive():
-            _abandoned.append((self.pump, self))
+            abandoned.append((self.pump, self))
         return not self._closer.is_alive()
 
     def _close_when_told(self) -> None:
@@ -517,7 +338,7 @@ class Sink:
         try:
             self._close()
         except Exception as e:
-            _abandoned.append((self.pump, self))
+            abandoned.append((self.pump, self))
             if self.error is None and self._opened:
                 self.error = SinkError(f"{self.device}: closing failed: {e}")
 
@@ -603,7 +424,7 @@ class Sink:
             faults=self._watch.faults(),
             block_time={"p50": p50, "p99": p99, "p99.9": p999, "max": most},
             latency=self._latency() if not self._closed else self._last_latency,
-            stale=self._stales if self._started else 0,
+            stale=self._recorder.stales if self._started else 0,
             unlogged=p.read("UNLOGGED"),
             skipped=p.read("SKIPPED"),
         )
@@ -621,7 +442,7 @@ class Sink:
         if self.error is None:
             self.error = e if isinstance(e, StimlibError) else SinkError(f"{self.device}: {type(e).__name__}: {e}")
         if self._started:
-            self.pump.write("WAIT", 0)  # for a hand or a log that may have ended
+            self.pump.write("WAIT", 0)  # for a motion or a log that may have ended
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
 
     def _watch_device(self, seconds: float) -> None:
@@ -645,7 +466,7 @@ class Sink:
         return self._log_to
 
     def header(self) -> dict[str, Any]:
-        """What a log says first: everything that the samples depend on besides motion and events."""
+        """The header of a log: everything that the samples depend on besides motion and events."""
         packages = ("numpy", "numba", "llvmlite")
         return {
             "stimlib": __version__,
@@ -670,73 +491,15 @@ class Sink:
         looked = time.monotonic()
         try:
             while not self._over.wait(0.001 if self.pump.hurried else 0.01):
-                self._drain()
+                self._recorder.drain()
                 seen, looked = looked, time.monotonic()
                 self._watch_device(min(looked - seen, 0.05))  # at most: a process that was stopped has heard no call either
-            for _ in range(3):
-                self._drain()
-            self._tell(2**63)
-            self._tell_counts()
-            if self._writer is not None:
-                self._writer.close(self.report().to_dict())
+            self._recorder.end(self.report)
         except Exception as e:  # a full disk, a log that fails
             self._fail(e if isinstance(e, StimlibError) else SinkError(f"the log cannot be written: {e}"))
-            self._writer = None
+            self._recorder.writer = None
             while not self._over.wait(0.01):
-                self._drain()
-
-    def _drain(self) -> None:
-        """Everything that has come, in the order of samples; then what the safety stage has counted."""
-        writer, p = self._writer, self.pump
-        if writer is not None and p.read("DROPPED"):
-            raise SinkError(f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for the disk")
-        while len(x := p.motion()):
-            if writer is not None:
-                writer.motion(np.ascontiguousarray(x.T))
-        while True:
-            frames = p.frames()
-            self._pending += p.events()  # an event is there before the frames that follow it
-            self._pending.sort(key=lambda e: e[0])
-            if not len(frames):
-                break
-            while len(frames):
-                self._tell(self._cursor)
-                stop = min((e[0] for e in self._pending), default=2**63)
-                part = frames[: max(1, stop - self._cursor)]
-                if writer is not None:
-                    writer.delivered(part.copy())
-                self._cursor += len(part)
-                frames = frames[len(part) :]
-        self._tell(self._cursor if p.read("LOG") else 2**63)
-        faults = self._watch.faults()
-        for name in sorted((n for n in faults if n not in self._gone), key=faults.__getitem__):
-            self._gone.append(name)
-            self._say(faults[name], "fault", output=name)
-            why = FaultError(f"output {name} was not finite at sample {faults[name]}: the session was faded out")
-            self._fail(why, faults[name] + self._watch.fade + 1)  # its own fade comes first: two at once would be steeper
-        if time.monotonic() - self._told_at >= 1.0:
-            self._tell_counts()
-
-    def _tell_counts(self) -> None:
-        counts = self._watch.counts()
-        self._told_at = time.monotonic()
-        if counts != self._told:
-            self._told = counts
-            self._say(self.pump.index, "clip", counts=counts)
-
-    def _tell(self, until: int) -> None:
-        """Events at or before a sample."""
-        while self._pending and self._pending[0][0] <= until:
-            at, kind, more = self._pending.pop(0)
-            self._stales += kind == "stale"
-            if kind in ("lost", "gap"):
-                self._cursor = max(self._cursor, at + more["frames"])
-                until = max(until, self._cursor) if until < 2**62 else until
-            self._say(at, kind, **more)
-
-    def _say(self, at: int, kind: str, **more: Any) -> None:
-        if self._writer is not None:
-            self._writer.event(at, kind, **more)
+                self._recorder.drain()
 
     # What a device fills in --------------------------------------------------------------------------------------
     def _open(self) -> None:

@@ -1,6 +1,6 @@
 """Where a sink's motion comes from.
 
-A mapping of input names to arrays is a recording in real time; with functions of time in it, a scripted hand.  ``Live``
+A mapping of input names to arrays is a recording in real time; with functions of time in it, a scripted source.  ``Live``
 takes what ``Sink.push`` is given, and ``Signals`` reads the inputs of an audio device.
 """
 
@@ -16,9 +16,6 @@ import numpy as np
 
 from ..errors import BadValue
 from ..motion.source import check_names, positions, sources_of
-
-AHEAD = 0.5
-"""Seconds that a scripted hand is computed before its samples run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +39,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """A hand that follows functions of time, computed a little ahead by an ordinary thread.
+    """A source that follows functions of time, computed a little ahead by an ordinary thread.
 
     Parameters
     ----------
@@ -167,18 +164,18 @@ def length(source: Source | None) -> int | None:
 
 
 class Feeder(threading.Thread):
-    """Keeps a scripted hand ahead of the samples.
+    """Keeps a scripted motion ahead of the samples.
 
     Parameters
     ----------
     pump : stimlib.devices.pump.Pump
     source : Scripted
     failed : callable
-        Called with the exception when a function of the hand raises or is not finite.
+        Called with the exception when a function of the motion raises or is not finite.
     """
 
     def __init__(self, pump: Any, source: Scripted, failed: Callable[[Exception], None]):
-        super().__init__(name="stimlib hand", daemon=True)
+        super().__init__(name="stimlib motion", daemon=True)
         self._pump, self._failed = pump, failed
         self._sources = sources_of(source.motion, pump.proc.inputs, 1)
         self._end = length(source)

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..core import definitions, regular
 from ..core.program import warn_beyond
+from ..core.progress import progress as bar
 from ..errors import BadValue, FaultError, SinkError, shown
 from ..motion.source import frames_of, sources_of
 from ..run.processor import Processor
@@ -259,7 +258,7 @@ def _run(
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
-    with _bar(frames, progress) as advance:
+    with bar("writing", frames, progress) as advance:
         for y in blocks:
             if proc.fault is not None:
                 name, index = proc.fault
@@ -275,20 +274,6 @@ def _run(
             draft.put(samples)
             advance(y.shape[1])
     return clips, peak, digest.hexdigest()
-
-
-@contextmanager
-def _bar(frames: int, progress: bool | str) -> Iterator[Callable[[int], None]]:
-    """A progress bar; the function it gives is called with the samples just done."""
-    if not progress or (progress is True and not (sys.stderr and sys.stderr.isatty())):
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("writing", total=frames)
-        yield lambda done: bar.advance(task, done)
 
 
 def _beyond(report: FileReport, info: dict[str, Any]) -> str:

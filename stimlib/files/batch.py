@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ..blocks.noise import noise_key
 from ..core import regular
 from ..core.definitions import definitions
+from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..run.processor import compile
@@ -113,16 +113,12 @@ def render_set(
         raise BadValue(f"render_set: {wrong[0]!r} is not a plain file name")
     if repetitions < 1:
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as e:  # ValueError: a NUL or half a character in the name
-        raise SinkError(f"cannot make the folder {folder}: {getattr(e, 'strerror', None) or e}") from e
+    folder = regular.make_folder(folder)
     jobs = {
         name: (folder / (name + suffix), scene.to_dict(), dict(motion), seconds, fs, seed, full_scale)
         for name, scene in scenes.items()
     }
-    with _bar(len(jobs), progress) as advance:
+    with bar("rendering", len(jobs), progress) as advance:
         todo = {n: job for n, job in jobs.items() if not _is_there(*job)}
         advance(len(jobs) - len(todo))
         workers = min(workers or os.cpu_count() or 1, len(todo) or 1)
@@ -166,7 +162,7 @@ def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, 
     except SinkError:
         return False
     if not all(callable(m) for m in motion.values()):
-        return False  # the sidecar does not tell one array from another
+        return False  # in a sidecar all arrays are alike
     return (
         (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene, fs, round(seconds * fs), seed)
         and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
@@ -174,14 +170,3 @@ def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, 
         and sidecar["stimlib"] == file.__version__
         and sidecar["definitions"] == definitions(Scene.from_dict(scene))
     )
-
-
-@contextmanager
-def _bar(total: int, wanted: bool) -> Iterator[Callable[[int], None]]:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not (wanted and console.is_terminal)) as bar:
-        task = bar.add_task("rendering", total=total)
-        yield lambda n: bar.advance(task, n)

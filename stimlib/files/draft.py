@@ -145,7 +145,7 @@ def fill(f: Any, data: bytes) -> None:
     """Make this all that an unbuffered file has."""
     f.seek(0)
     f.truncate()
-    while data:  # a full disk takes a part, and tells why it does not take the rest
+    while data:  # a full disk takes a part, and fails on the rest with its reason
         data = data[f.write(data) :]
 
 
@@ -165,7 +165,7 @@ def reading(f: Any) -> Any:
 
 
 def reason(error: Exception) -> str:
-    """What libsndfile says, without the number that it has for a file."""
+    """The error of libsndfile, without the number that it has for a file."""
     return getattr(error, "error_string", None) or str(error)
 
 

@@ -53,7 +53,7 @@ def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> n
 
     References
     ----------
-    Paper 001, eq. (2.8); the sum over straight pieces is the L1 formula on an uneven grid.
+    Çaldıran's thesis, eq. (2.8); the sum over straight pieces is the L1 formula on an uneven grid.
 
     Examples
     --------
@@ -76,16 +76,12 @@ def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
 
     Parameters
     ----------
-    t : array_like, shape (n,)
-        Times in s, rising, at any distances.
-    y : array_like, shape (n,)
-        Displacement in m from where the spring has no force.
+    t, y, onset
+        As for ``springpot_force``; y counts from where the spring has no force.
     k0 : float
         Stiffness of the spring in N/m.
     arms : sequence of (k, tau)
         Stiffness in N/m and time constant in s of each arm.
-    onset : {"rest", "step"}
-        Whether y has always been where it is at first, or jumps there from 0.
 
     Returns
     -------
@@ -99,7 +95,7 @@ def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
 
     References
     ----------
-    Paper 001, eq. (2.1) and fig. 2.1.
+    Çaldıran's thesis, eq. (2.1) and fig. 2.1.
 
     Examples
     --------
@@ -261,7 +257,7 @@ def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> 
 # Fits ----------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False, repr=False)
 class MaterialFit:
-    """A model, its numbers, and how well it says what was recorded.
+    """A model, its numbers, and how well it fits what was recorded.
 
     Attributes
     ----------
@@ -463,7 +459,7 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
 
     References
     ----------
-    Paper 001, eq. (2.8) and section 1.1.1.
+    Çaldıran's thesis, eq. (2.8) and section 1.1.1.
 
     Examples
     --------
@@ -526,7 +522,7 @@ def fit_generalized_maxwell(
     t, y, f, where, sigma, onset
         See ``fit_springpot``; y counts from where the spring has no force.
     arms : int
-        Number of Maxwell arms.  About one in a decade of time is what a recording tells.
+        Number of Maxwell arms.  A recording determines about one in a decade of time.
     spring : bool
         Whether there is a spring beside the arms, so that some force is left for ever.
 
@@ -542,11 +538,11 @@ def fit_generalized_maxwell(
 
     Notes
     -----
-    All numbers are fitted as logarithms.  An interval up to infinity says that the recording does not tell that number.
+    All numbers are fitted as logarithms.  An interval up to infinity: the recording does not determine that number.
 
     References
     ----------
-    Paper 001, section 2.1 and fig. 2.1.
+    Çaldıran's thesis, section 2.1 and fig. 2.1.
 
     Examples
     --------
@@ -673,10 +669,10 @@ def _intervals(x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray) -> tuple[n
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     _, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
-    told = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
-    deviation = np.sqrt(np.sum((v[told] / s[told, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
+    known = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
+    deviation = np.sqrt(np.sum((v[known] / s[known, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
     wide = student.ppf((1 + CONFIDENCE) / 2, free) * deviation
-    wide[np.any(np.abs(v[~told]) > 1e-6, axis=0)] = math.inf
+    wide[np.any(np.abs(v[~known]) > 1e-6, axis=0)] = math.inf
     return x - wide, x + wide
 
 

@@ -7,13 +7,13 @@ A number is searched in relative units: p = start exp(u), or its like between bo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
 from ..motion.source import frames_of, positions, sources_of
@@ -62,7 +62,7 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
             raise BadValue(f"fit: {name}: the start {start} must be finite")
         if not isinstance(given, (tuple, list)):
             if start == 0:
-                raise BadValue(f"fit: {name}: a start of 0 tells neither sign nor size; give (start, low, high)")
+                raise BadValue(f"fit: {name}: a start of 0 has neither sign nor size; give (start, low, high)")
             low, high = (0.0, math.inf) if start > 0 else (-math.inf, 0.0)
         if not low < start < high:
             raise BadValue(f"fit: {name}: the start {start:g} must lie between {low:g} and {high:g}, not at an end")
@@ -324,10 +324,6 @@ def fit(
     progress : bool
         A progress bar on stderr, if that is a terminal.
 
-    Returns
-    -------
-    Fit
-
     Raises
     ------
     UnknownName
@@ -423,12 +419,12 @@ def fit(
         history, best = [float(value)], (float(value), u)
         steep = float(np.abs(grad).max())
         converged = best[0] == 0
-        with _bar(steps, progress) as tell:
+        with bar("fit", steps, progress) as advance:
             while len(history) <= steps and not converged:
                 new, state = step(u, value, grad, state, x)
                 value, grad = slope(new, x)
                 history.append(float(value))
-                tell(history[-1])
+                advance(1, f"fit, loss {history[-1]:.3g}")
                 if not (math.isfinite(history[-1]) and np.isfinite(grad).all()):
                     break
                 if history[-1] <= best[0]:
@@ -479,7 +475,7 @@ def _length(motion: Any, inputs: tuple[str, ...], signals: Mapping[str, Any], se
         return n
     rows = [len(s) for s in sources_of(motion, inputs, 0).values() if not callable(s)]
     if not lengths and not rows:
-        raise BadValue("fit: nothing tells how long the run is: give seconds")
+        raise BadValue("fit: the length of the run is not known: give seconds")
     n = min([*lengths.values(), *(() if lengths else rows)])
     if not n:
         raise BadValue("fit: the run has no sample")
@@ -523,14 +519,3 @@ def _with(scene: Scene, params: Mapping[str, float]) -> Scene:
         if b["class"] == "Param" and b["fields"]["name"] in params:
             b["fields"]["value"] = params[b["fields"]["name"]]
     return Scene.from_dict(data)
-
-
-@contextmanager
-def _bar(total: int, wanted: bool) -> Iterator[Callable[[float], None]]:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not (wanted and console.is_terminal)) as bar:
-        task = bar.add_task("fit", total=total)
-        yield lambda loss: bar.update(task, advance=1, description=f"fit, loss {loss:.3g}")

@@ -6,35 +6,56 @@ can be had in any order, and every position has the same bits however the time a
 own sin and cos are not used, because their last bit may depend on the processor and on the length of the array.
 
 The classes have lower-case names because they are what users call, and because the repr of a motion is then the call
-that makes it: ``parse_motion(repr(m)) == m``. A motion goes into a sidecar or a command line as that one line.
+that makes it: ``text.parse_motion(repr(m)) == m``. A motion goes into a sidecar or a command line as that one line.
 """
 
-import ast
-import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import isfinite, pi, ulp
-from typing import Any, NoReturn
+from dataclasses import dataclass, fields
+from math import isfinite, nan, pi, ulp
+from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import BadValue
+from ..errors import BadValue, shortened
 
 Array = NDArray[np.float64]
 
-MAX_SPEC = 10_000  # characters of a text that parse_motion looks at
+
+def _float(value: Any, holds: Callable[[float], bool] = isfinite) -> float | None:
+    try:
+        number = nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return number if isfinite(number) and holds(number) else None
+
+
+def _int(value: Any, low: int, high: int) -> int | None:
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return int(value) if whole and low <= value <= high else None
+
+
+# What a field takes: its type, the same in words, and a function that returns it as a plain value, or None if it is not one
+Number = Annotated[float, "a finite number", _float]
+Positive = Annotated[float, "a finite number above 0", lambda v: _float(v, lambda x: x > 0)]
+NotNegative = Annotated[float, "a finite number, 0 or above", lambda v: _float(v, lambda x: x >= 0)]
+Count = Annotated[int, "a whole number from 0 to 2**53", lambda v: _int(v, 0, 2**53)]
+Repeats = Annotated[int, "a whole number from 1 to 2**53", lambda v: _int(v, 1, 2**53)]
+Seed = Annotated[int, "a whole number from 0 to 2**64 - 1", lambda v: _int(v, 0, 2**64 - 1)]
+Flag = Annotated[bool, "True or False", lambda v: bool(v) if isinstance(v, bool | np.bool_) else None]
+Function = Annotated[Callable[[Array], Array], "a motion, such as minimum_jerk()", lambda v: v if callable(v) else None]
 
 
 class Motion:
     """A position in metres as a function of the time in seconds; the base of all generators.
 
-    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by element.
+    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by element, and annotates its fields
+    with what they take.
 
     Raises
     ------
     BadValue
-        At construction, when a number is not finite or not in its range.
+        At construction, when a field is something else, such as a number that is not finite or not in its range.
     """
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -60,44 +81,16 @@ class Motion:
     def _position(self, t: Array) -> Array:
         raise NotImplementedError
 
-    def _numbers(self, *names: str) -> None:
-        """Replace fields by plain floats (a numpy scalar has another repr); an error if one is not finite."""
-        for name in names:
-            value = getattr(self, name)
-            try:
-                if isinstance(value, bool):
-                    raise TypeError
-                number = float(value)
-            except (TypeError, ValueError, OverflowError):
-                self._refuse(name, "a finite number")
-            if isinstance(value, str) or not isfinite(number):
-                self._refuse(name, "a finite number")
-            object.__setattr__(self, name, number)
-
-    def _positive(self, *names: str) -> None:
-        self._numbers(*names)
-        for name in names:
-            if getattr(self, name) <= 0:
-                self._refuse(name, "above 0")
-
-    def _not_negative(self, *names: str) -> None:
-        self._numbers(*names)
-        for name in names:
-            if getattr(self, name) < 0:
-                self._refuse(name, "0 or above")
-
-    def _integer(self, name: str, low: int, high: int) -> None:
-        value = getattr(self, name)
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-            self._refuse(name, f"a whole number from {low} to {high}")
-        object.__setattr__(self, name, int(value))
-
-    def _callable(self, name: str) -> None:
-        if not callable(getattr(self, name)):
-            self._refuse(name, "a motion, such as minimum_jerk()")
-
-    def _refuse(self, name: str, wanted: str) -> NoReturn:
-        raise BadValue(f"{type(self).__name__}: {name} must be {wanted}, got {_short(getattr(self, name))}") from None
+    def __post_init__(self) -> None:
+        """Replace each field by what its annotation asks for: plain numbers, as a numpy scalar has another repr."""
+        for f in fields(self):  # type: ignore[arg-type]
+            given = getattr(self, f.name)
+            if given is None and f.default is None:
+                continue
+            _, wanted, read = get_args(next(a for a in (f.type, *get_args(f.type)) if get_origin(a) is Annotated))
+            if (value := read(given)) is None:
+                raise BadValue(f"{type(self).__name__}: {f.name} must be {wanted}, got {shortened(given)}")
+            object.__setattr__(self, f.name, value)
 
 
 @dataclass(frozen=True)
@@ -121,15 +114,6 @@ class minimum_jerk(Motion):
     repeats : int or None
         Number of squeezes; None for ever.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When a number is not finite or not in its range.
-
     References
     ----------
     T. Flash and N. Hogan, "The coordination of arm movements", J. Neurosci. 5 (1985), the point-to-point solution.
@@ -141,20 +125,13 @@ class minimum_jerk(Motion):
     [0.0, 0.01, 0.02, 0.01, 0.0, 0.0158]
     """
 
-    depth: float = 0.02
-    start: float = 0.0
-    rise: float = 0.3
-    hold: float = 0.2
-    fall: float = 0.3
-    rest: float = 0.4
-    repeats: int | None = None
-
-    def __post_init__(self) -> None:
-        self._numbers("depth", "start")
-        self._positive("rise", "fall")
-        self._not_negative("hold", "rest")
-        if self.repeats is not None:
-            self._integer("repeats", 1, 2**53)
+    depth: Number = 0.02
+    start: Number = 0.0
+    rise: Positive = 0.3
+    hold: NotNegative = 0.2
+    fall: Positive = 0.3
+    rest: NotNegative = 0.4
+    repeats: Repeats | None = None
 
     def _position(self, t: Array) -> Array:
         period = self.rise + self.hold + self.fall + self.rest
@@ -184,29 +161,16 @@ class sinusoid(Motion):
     phase : float, rad
         Phase at time 0.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When a number is not finite or not in its range.
-
     Examples
     --------
     >>> sinusoid(0.01, 1.0, mean=0.02)([0.0, 0.25, 0.5, 3600.75]).tolist()
     [0.02, 0.03, 0.02, 0.01]
     """
 
-    amplitude: float
-    freq: float
-    mean: float = 0.0
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._numbers("amplitude", "mean", "phase")
-        self._positive("freq")
+    amplitude: Number
+    freq: Positive
+    mean: Number = 0.0
+    phase: Number = 0.0
 
     def _position(self, t: Array) -> Array:
         return self.mean + self.amplitude * _sin_turns(self.freq * t + self.phase / (2 * pi))
@@ -229,14 +193,10 @@ class ramp_and_hold(Motion):
     fall : float or None, s
         Duration of the ramp back to 0; given exactly when ``hold`` is.
 
-    Returns
-    -------
-    Motion
-
     Raises
     ------
     BadValue
-        When a number is not finite or not in its range, or when only one of hold and fall is given.
+        Also when only one of hold and fall is given.
 
     Examples
     --------
@@ -244,21 +204,16 @@ class ramp_and_hold(Motion):
     [0.0, 0.005, 0.01, 0.005, 0.0]
     """
 
-    depth: float
-    rise: float
-    start_time: float = 0.0
-    hold: float | None = None
-    fall: float | None = None
+    depth: Number
+    rise: Positive
+    start_time: NotNegative = 0.0
+    hold: NotNegative | None = None
+    fall: Positive | None = None
 
     def __post_init__(self) -> None:
-        self._numbers("depth")
-        self._positive("rise")
-        self._not_negative("start_time")
         if (self.hold is None) != (self.fall is None):
             raise BadValue("ramp_and_hold: give both hold and fall, or neither to hold for ever")
-        if self.hold is not None:
-            self._not_negative("hold")
-            self._positive("fall")
+        super().__post_init__()
 
     def _position(self, t: Array) -> Array:
         u = t - self.start_time
@@ -287,15 +242,6 @@ class constant_speed(Motion):
     back_and_forth : bool
         Whether strokes are repeated in both directions.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When a number is not finite or not in its range.
-
     Examples
     --------
     >>> constant_speed(0.1, 0.05)([0.0, 0.25, 0.5, 0.75, 1.0]).round(6).tolist()
@@ -304,17 +250,10 @@ class constant_speed(Motion):
     [0.025, 0.05, 0.05]
     """
 
-    speed: float
-    length: float
-    start: float = 0.0
-    back_and_forth: bool = True
-
-    def __post_init__(self) -> None:
-        self._positive("speed", "length")
-        self._numbers("start")
-        if not isinstance(self.back_and_forth, bool | np.bool_):
-            self._refuse("back_and_forth", "True or False")
-        object.__setattr__(self, "back_and_forth", bool(self.back_and_forth))
+    speed: Positive
+    length: Positive
+    start: Number = 0.0
+    back_and_forth: Flag = True
 
     def _position(self, t: Array) -> Array:
         way = self.speed * np.maximum(t, 0.0)
@@ -341,30 +280,16 @@ class staircase_hold(Motion):
     start : float, m
         First position.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When a number is not finite or not in its range.
-
     Examples
     --------
     >>> staircase_hold(0.001, n_steps=2, dwell=0.1)([0.0, 0.1, 0.15, 0.2, 0.3]).tolist()
     [0.0, 0.001, 0.001, 0.002, 0.002]
     """
 
-    step: float
-    n_steps: int
-    dwell: float
-    start: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._numbers("step", "start")
-        self._integer("n_steps", 0, 2**53)
-        self._positive("dwell")
+    step: Number
+    n_steps: Count
+    dwell: Positive
+    start: Number = 0.0
 
     def _position(self, t: Array) -> Array:
         level = _floor(t / self.dwell)
@@ -382,27 +307,14 @@ class quantised(Motion):
     resolution : float, m
         Distance between two codes, above 0; the squeeze device of the UGrip paper has 1 um.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When motion is not callable or resolution not finite and above 0.
-
     Examples
     --------
     >>> quantised(constant_speed(0.1, 0.05), 0.01)([0.0, 0.12, 0.18, 0.26]).tolist()
     [0.0, 0.01, 0.02, 0.03]
     """
 
-    motion: Callable[[Array], Array]
-    resolution: float
-
-    def __post_init__(self) -> None:
-        self._callable("motion")
-        self._positive("resolution")
+    motion: Function
+    resolution: Positive
 
     def _position(self, t: Array) -> Array:
         return np.rint(self.motion(t) / self.resolution) * self.resolution
@@ -433,15 +345,6 @@ class jittered(Motion):
     amplitude_codes : float
         Amplitude of the jitter in codes, 0 or above.
 
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    BadValue
-        When motion is not callable, or a number is not finite or not in its range.
-
     References
     ----------
     G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, fig. 14.
@@ -453,17 +356,11 @@ class jittered(Motion):
     [0.01, 0.01, 0.011, 0.01]
     """
 
-    motion: Callable[[Array], Array]
-    resolution: float
-    rate: float
-    seed: int = 0
-    amplitude_codes: float = 1.0
-
-    def __post_init__(self) -> None:
-        self._callable("motion")
-        self._positive("resolution", "rate")
-        self._integer("seed", 0, 2**64 - 1)
-        self._not_negative("amplitude_codes")
+    motion: Function
+    resolution: Positive
+    rate: Positive
+    seed: Seed = 0
+    amplitude_codes: NotNegative = 1.0
 
     def _position(self, t: Array) -> Array:
         index = _floor(t * self.rate).astype(np.int64).astype(np.uint64)
@@ -476,79 +373,6 @@ class jittered(Motion):
 GENERATORS: dict[str, type[Motion]] = {
     c.__name__: c for c in (minimum_jerk, sinusoid, ramp_and_hold, constant_speed, staircase_hold, quantised, jittered)
 }
-
-
-def parse_motion(text: str) -> Motion:
-    """Motion written as a call, such as one typed on a command line. Nothing is executed.
-
-    Parameters
-    ----------
-    text : str
-        A call of one of the generators of this module. Arguments are number literals, None, True, False and, where
-        a motion is wanted, another such call.
-
-    Returns
-    -------
-    Motion
-        ``parse_motion(repr(m)) == m`` for every motion m made of these generators.
-
-    Raises
-    ------
-    BadValue
-        When the text is anything else (the message lists the generators), or a generator refuses an argument.
-
-    Examples
-    --------
-    >>> parse_motion("sinusoid(0.01, 1)")
-    sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
-    >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")([0.0, 0.6]).tolist()
-    [0.0, 0.01]
-    """
-    if not isinstance(text, str):
-        raise BadValue(f"a motion must be given as text, got {_short(text)}. {_usage()}")
-    if len(text) > MAX_SPEC:
-        raise BadValue(f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-        motion = _value(tree)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        if isinstance(error, BadValue):
-            raise
-        raise BadValue(f"cannot read {_short(text)} as a motion. {_usage()}") from None
-    if not isinstance(motion, Motion):
-        raise BadValue(f"{_short(text)} is not a motion. {_usage()}")
-    return motion
-
-
-def _value(node: ast.expr) -> Any:
-    """Value of one node of the syntax tree of a motion."""
-    if isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, bool | int | float)):
-        return node.value
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        number = _value(node.operand)
-        if isinstance(number, int | float) and not isinstance(number, bool):
-            return -number if isinstance(node.op, ast.USub) else number
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GENERATORS:
-        generator = GENERATORS[node.func.id]
-        args = [_value(a) for a in node.args]
-        kwargs = {k.arg or "**": _value(k.value) for k in node.keywords}
-        signature = inspect.signature(generator)
-        try:
-            signature.bind(*args, **kwargs)
-        except TypeError as error:
-            parameters = ", ".join(str(p.replace(annotation=p.empty)) for p in signature.parameters.values())
-            raise BadValue(f"{node.func.id}({parameters}): {error}") from None
-        return generator(*args, **kwargs)
-    raise BadValue(f"{_short(ast.unparse(node))} is not understood in a motion. {_usage()}")
-
-
-def _usage() -> str:
-    return f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example minimum_jerk(depth=0.01)"
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _floor(q: Array) -> Array:

@@ -18,7 +18,7 @@ from .batch import Array, Batch, Rows, table_error
 
 SAVE = "save arrays of numbers with numpy.savez"
 EQUAL = "save one-dimensional arrays of equal length"
-MAX_HEADER = 10_000  # bytes of what an array says of itself
+MAX_HEADER = 10_000  # bytes of the header of an array
 BATCH = 1 << 17  # rows
 ODD = (
     *(OSError, ValueError, EOFError, LookupError, TypeError, RuntimeError, SyntaxError, MemoryError, OverflowError),
@@ -68,7 +68,7 @@ def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
 
 
 def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
-    """What an array says of itself, checked against the limits and the directory."""
+    """The header of an array, checked against the limits and the directory."""
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("packed in another way than numpy does")
     with z.open(info) as f:
@@ -79,8 +79,8 @@ def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
         (length,) = struct.unpack("<I" if wide else "<H", f.read(4 if wide else 2))
         if length > MAX_HEADER:
             raise ValueError("its header is too long")
-        said = ast.literal_eval(f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip())
-    kind, shape = said["descr"], said["shape"]
+        header = ast.literal_eval(f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip())
+    kind, shape = header["descr"], header["shape"]
     if kind == "|O":
         raise ValueError("it holds objects of Python, which numpy reads with allow_pickle only")
     if not isinstance(kind, str) or not re.fullmatch(r"[<>|=]?[biufU]\d{1,9}", kind):

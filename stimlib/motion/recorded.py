@@ -21,42 +21,39 @@ import numpy as np
 from ..errors import BadValue, UnknownName, shown
 from .batch import Array
 from .cubics import cubics
-from .generators import MAX_SPEC, Motion, parse_motion
+from .generators import Motion
 from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
 from .table import Columns, TableFile, read_table
+from .text import MAX_SPEC, parse_motion
 
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
-class RecordedInput(Motion):
-    """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
+class _Recorded(Motion):
+    """What is recorded from knot to knot; its repr makes it again."""
 
     info: Mapping[str, Any]
 
-    def __init__(self, knots: Array, coefficients: Array, spec: str):
-        self._knots, self._coefficients, self._spec = knots, coefficients, spec
+    def __init__(self, knots: Array, values: Array | Mask, spec: str):
+        self._knots, self._values, self._spec = knots, values, spec
 
     def __repr__(self) -> str:
         return self._spec
+
+
+class RecordedInput(_Recorded):
+    """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
         k = np.searchsorted(self._knots, t, side="right") - 1
         u = t - self._knots[k]
-        c3, c2, c1, c0 = (c[k] for c in self._coefficients)
+        c3, c2, c1, c0 = (c[k] for c in self._values)
         return ((c3 * u + c2) * u + c1) * u + c0
 
 
-class Contact(Motion):
+class Contact(_Recorded):
     """1 in contact and 0 off contact, as a function of time."""
-
-    info: Mapping[str, Any]
-
-    def __init__(self, knots: Array, values: Mask, spec: str):
-        self._knots, self._values, self._spec = knots, values, spec
-
-    def __repr__(self) -> str:
-        return self._spec
 
     def _position(self, t: Array) -> Array:
         k = np.searchsorted(self._knots, t, side="right") - 1
@@ -65,7 +62,7 @@ class Contact(Motion):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """What `recording` gives. Its repr is the call that makes it again, with the file's SHA-256; its str says what was found.
+    """What `recording` gives. Its repr is the call that makes it again, with the file's SHA-256; its str states what was found.
 
     Attributes
     ----------
@@ -128,7 +125,7 @@ class Recording:
         UnknownName
             An input without a column, or a mapped input that the scene does not have.
         BadValue
-            The recording has lifts or jumps, and the scene has no input that could tell it.
+            The recording has lifts or jumps, and the scene has no input for them.
 
         Examples
         --------
@@ -208,18 +205,14 @@ def recording(
         "on_change": nothing changed, so after more than 2.5 median periods without a report the point is held, in
         contact, until one median period before the next report.
     max_speed : float, None or mapping of input to float or None, m/s
-        Largest speed of a hand, in the unit of every input per second; None for no limit. A mapping limits the inputs
+        Largest speed of movement, in the unit of every input per second; None for no limit. A mapping limits the inputs
         in it, each in its own unit per second.
     max_gap : float, s, optional
         Longest silence that is joined when reports="always"; by default 10 median periods, at least 0.1 s, and a median
-        period above 0.5 s is refused as time in another unit. Any max_gap not below the median period says that it is
+        period above 0.5 s is refused as time in another unit. Any max_gap not below the median period confirms that it is
         not.
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in memory, that of its names and values.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------
@@ -253,7 +246,10 @@ def recording(
     """
     _check_options(columns, where, contact, reports, repeats, max_speed, max_gap)
     table = read_table(source, sha256)
-    spec = _spec(table, columns, where, time, contact, reports, repeats, max_speed, max_gap)
+    spec = _spec(
+        table, columns, where=where or None, time=time, contact=contact, reports=reports, repeats=repeats, max_speed=max_speed,
+        max_gap=max_gap,
+    )  # fmt: skip
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()
     period = float(np.median(np.diff(found.t)))
@@ -303,7 +299,7 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
         A call of a generator, see `parse_motion`, or of `recording` with literal arguments; after that may be
         ``.motion['x']`` or ``.contact``.
     pinned : bool
-        Whether a recording must say the SHA-256 of its file, as one from a text of others should.
+        Whether a recording must have the SHA-256 of its file, as one from a text of others should.
 
     Returns
     -------
@@ -339,83 +335,19 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
             *map(ast.literal_eval, call.args), **{str(k.arg): ast.literal_eval(k.value) for k in call.keywords}
         )
     except (SyntaxError, RecursionError, MemoryError):
-        return parse_motion(text)  # it says what is wrong
+        return parse_motion(text)  # whose error names what is wrong
     except (TypeError, ValueError) as e:
         if isinstance(e, BadValue):
             raise
         form = "recording('press.csv', {'x': 'force_N*5e-4'})"
         raise BadValue(f"{text[:80]!r} cannot be read as a recording ({e}): write literal arguments, such as {form}") from None
     if pinned and words.arguments.get("sha256") is None:
-        raise BadValue(f"{text[:80]!r} does not say the SHA-256 of its file")
+        raise BadValue(f"{text[:80]!r} does not have the SHA-256 of its file")
     made = recording(*words.args, **words.kwargs)
     known: dict[Any, Any] = {None: made, "contact": made.contact, **made.motion}
     if part not in known:
         raise BadValue(f"{text[:80]!r}: nothing is recorded for {part!r}")
     return known[part]
-
-
-def parse_map(items: Iterable[str]) -> dict[str, str]:
-    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command line.
-
-    Parameters
-    ----------
-    items : iterable of str
-
-    Returns
-    -------
-    dict of str to str
-        ``columns`` of `recording`, which checks the expressions.
-
-    Raises
-    ------
-    BadValue
-        When an item has another form, or an input comes twice.
-
-    Examples
-    --------
-    >>> parse_map(["x=force_N*5e-4", "y = (y_raw - 10)*2e-5"])
-    {'x': 'force_N*5e-4', 'y': '(y_raw - 10)*2e-5'}
-    """
-    return _pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
-
-
-def parse_where(text: str) -> dict[str, str]:
-    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a command line.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    dict of str to str
-        ``where`` of `recording`, which compares numbers as numbers.
-
-    Raises
-    ------
-    BadValue
-        When the text has another form, or a column comes twice.
-
-    Examples
-    --------
-    >>> parse_where("grasp=pinch,level=easy,trial=1")
-    {'grasp': 'pinch', 'level': 'easy', 'trial': '1'}
-    """
-    return _pairs(text.split(","), "where", "COLUMN=VALUE,COLUMN=VALUE, such as grasp=pinch,trial=1")
-
-
-def _pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
-    if isinstance(items, str):
-        raise BadValue(f"{what}: give a list of texts, not one text")
-    found: dict[str, str] = {}
-    for item in items:
-        name, _, value = (part.strip() for part in item.partition("="))
-        if not name or not value:
-            raise BadValue(f"{what} {item!r}: write {form}")
-        if name in found:
-            raise BadValue(f"{what}: {name} is given twice, {found[name]!r} and {value!r}")
-        found[name] = value
-    return found
 
 
 def _served_by(name: str, sources: Mapping[str, Any], names: list[str]) -> str | None:
@@ -460,35 +392,11 @@ def _is_positive(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(0 < value < float("inf"))
 
 
-def _spec(
-    table: TableFile,
-    columns: Mapping[str, str],
-    where: Mapping[str, Any] | None,
-    time: str,
-    contact: str | bool | None,
-    reports: str,
-    repeats: str | None,
-    max_speed: float | Mapping[str, float | None] | None,
-    max_gap: float | None,
-) -> str:
+def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
     """The call that makes this recording again, on one line."""
-    words = [repr(table.file), repr(dict(columns))]
-    if where:
-        words.append(f"where={_plain(where)!r}")
-    if time != "t_s":
-        words.append(f"time={time!r}")
-    if contact is not None:
-        words.append(f"contact={contact!r}")
-    if reports != "always":
-        words.append(f"reports={reports!r}")
-    if repeats is not None:
-        words.append(f"repeats={repeats!r}")
-    if max_speed != 1.0:
-        words.append(f"max_speed={_plain(max_speed)!r}")
-    if max_gap is not None:
-        words.append(f"max_gap={_plain(max_gap)!r}")
-    words.append(f"sha256={table.sha256[:16]!r}")
-    return f"recording({', '.join(words)})"
+    usual = inspect.signature(recording).parameters
+    words = [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
+    return f"recording({', '.join([repr(table.file), repr(dict(columns)), *words, f'sha256={table.sha256[:16]!r}'])})"
 
 
 def _plain(value: Any) -> Any:

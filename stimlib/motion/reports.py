@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 
 SILENCE = 2.5  # median periods without a report; up to 2 also come from the device's clock, in the middle of a motion
 JUMPS, JUMP_SHARE = 3, 0.01  # so many jumps, and more than this share of the reports, are not faults of the device
-SLOWEST = 0.5  # s between reports: what follows a hand has 0.004 to 0.08, and at 1 kHz a millisecond taken for 1 s has 1
+SLOWEST = 0.5  # s between reports: a device that a hand moves has 0.004 to 0.08, and at 1 kHz a millisecond taken for 1 s has 1
 LATEST = 1e12  # s; beyond, a time stamp has no part of a millisecond left
 VALUES = 1000  # so many different values of a column are listed or counted
 
@@ -215,7 +215,7 @@ def _check_rising(table: TableFile, t: Array, rows: Rows, chosen: Mask | None, u
 
 
 def _several(table: TableFile, chosen: Mask | None, used: set[str | None]) -> list[tuple[str, list[str]]]:
-    """Columns that tell recordings apart: 2 to 20 different values in the chosen rows."""
+    """Columns by which recordings differ: 2 to 20 different values in the chosen rows."""
     found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
     read = 0
     for batch in table.batches():
@@ -230,7 +230,7 @@ def _several(table: TableFile, chosen: Mask | None, used: set[str | None]) -> li
 
 
 def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
-    """One report for each time: equal ones once, others as ``repeats`` says."""
+    """One report for each time: equal ones once, others as ``repeats`` asks for."""
     again = np.append(False, s.t[1:] == s.t[:-1])
     count = int(again.sum())
     if not count:
@@ -282,7 +282,7 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
     unit, factor = next(((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST), ("ns", "1e-9"))
     text = time if time in table.names and time.isidentifier() else f"'{time}'" if time in table.names else f"({time})"
     problem = f"{period:.6g} s from report to report, which is slow for a hand"
-    remedy = f'time in {unit}? write time="{text}*{factor}"; if it is in s, say max_gap={_enough(s)} or more'
+    remedy = f'time in {unit}? write time="{text}*{factor}"; if it is in s, give max_gap={_enough(s)} or more'
     raise table.error(problem, remedy)
 
 

@@ -89,10 +89,6 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and values, which must fit.
 
-    Returns
-    -------
-    TableFile
-
     Raises
     ------
     RecordingError
@@ -275,8 +271,8 @@ def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
             number_follows = number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
             if above and number_follows and line.count(separator) == above.count(separator):
                 return at - len(above.encode()), row - 1, separator  # no comment: the first name begins with #
-            if row == 1 and (told := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
-                hint = told[1]
+            if row == 1 and (declared := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
+                hint = declared[1]
             elif line.startswith("#"):
                 above = line
             else:

@@ -74,10 +74,6 @@ def squeeze(
     motor_constant : float, optional
         n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the geometry factor is a placeholder).
 
-    Returns
-    -------
-    Scene
-
     References
     ----------
     The UGrip paper, eq. (2), section 2.1, fig. 4.

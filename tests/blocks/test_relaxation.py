@@ -8,18 +8,9 @@ from laws import assert_same, cut_at, float_words, random_cuts, run, some_sets
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import spring
-from stimlib.blocks.relaxation import (
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-    creep_compliance,
-    generalized_maxwell,
-    maxwell,
-    maxwell_stiffness,
-    relaxation_modulus,
-    sampled,
-    standard_linear_solid,
-)
+from stimlib.blocks.continuous import creep_compliance, maxwell_stiffness, relaxation_modulus
+from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
+from stimlib.blocks.relaxation import generalized_maxwell, maxwell, sampled, standard_linear_solid
 from stimlib.errors import BadValue, UnitError
 
 y, f = Input("y", "m"), Input("f", "N")

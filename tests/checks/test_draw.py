@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from stimlib import Input, Param, Scene, compile, constant, enabled
-from stimlib.analysis.draw import SPACE, _Picture, draw
+from stimlib.analysis.draw import draw
+from stimlib.analysis.layout import SPACE, Layout
 from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
 from stimlib.core.program import lower
 from stimlib.errors import BadValue, SinkError
@@ -37,7 +38,7 @@ SCENES = {"squeeze": squeeze, "nested": nested, "noise": lambda: Scene({"n": whi
 @pytest.mark.parametrize("name", SCENES)
 def test_every_block_has_its_place(name):
     program = lower(SCENES[name]().outputs)
-    p = _Picture(program)
+    p = Layout(program)
     assert set(p.box) == {i for i, q in enumerate(program.instances) if q.kind not in ("const", "open")}
     for i, box in p.box.items():  # signals go to the right
         for a in p.sources(i):
@@ -46,7 +47,7 @@ def test_every_block_has_its_place(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_no_two_boxes_overlap(name):
-    p = _Picture(lower(SCENES[name]().outputs))
+    p = Layout(lower(SCENES[name]().outputs))
 
     def look(level):
         boxes = [*level.boxes, *level.wires.values()]
@@ -64,12 +65,12 @@ def test_no_two_boxes_overlap(name):
 
 
 def test_the_words_of_a_block():
-    p = _Picture(lower(squeeze(fingers=1).outputs))
+    p = Layout(lower(squeeze(fingers=1).outputs))
     text = {tuple(p.text(i)) for i in p.box if not p.box[i].inner}
     assert {("k", "2000 N/m"), ("x1",), ("White", "seed = 0", "stream = 1"), ("force1",)} <= text
     assert any(t[0] == "Velocity" and "cutoff = 100" in t for t in text)
     assert ("\u00d7 0.000125 s",) in text
-    zero = _Picture(lower({"y": Input("x") - 0.0}))
+    zero = Layout(lower({"y": Input("x") - 0.0}))
     assert zero.text(2)[1:] == ["b = 0"]
 
 

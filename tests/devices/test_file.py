@@ -24,7 +24,8 @@ from stimlib.blocks import exp, log, lut, sqrt, white_noise
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
 from stimlib.files import audio as file
 from stimlib.files.formats import FORMATS, MAX_WAV, check_format
-from stimlib.motion.generators import minimum_jerk, parse_motion, sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion.text import parse_motion
 from stimlib.scenes import squeeze
 
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]

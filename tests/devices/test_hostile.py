@@ -30,7 +30,8 @@ from stimlib.files.publish import recover
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.files.sidecar import BEGUN, DONE
-from stimlib.motion.generators import parse_motion, sinusoid
+from stimlib.motion.generators import sinusoid
+from stimlib.motion.text import parse_motion
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]

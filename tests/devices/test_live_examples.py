@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stimlib.files.log import read_log, replay
+from stimlib.files.replay import replay
+from stimlib.files.session import read_log
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

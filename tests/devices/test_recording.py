@@ -13,7 +13,8 @@ from numpy.testing import assert_allclose
 import stimlib
 from stimlib.errors import BadValue, RecordingError, StimlibError, UnknownName
 from stimlib.files import audio as file
-from stimlib.motion.recorded import Recording, parse_map, parse_source, parse_where, recording
+from stimlib.motion.recorded import Recording, parse_source, recording
+from stimlib.motion.text import parse_map, parse_where
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FS = 8000.0

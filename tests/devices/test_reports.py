@@ -102,7 +102,7 @@ def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports)
     t = np.arange(20) * 0.008
     path.write_text("t,x\n" + "".join(f"{v * scale:.0f},{0.001 * i}\n" for i, v in enumerate(t)))
     message = (
-        rf'{8e-3 * scale:g}.* s from report to report, .*; time in {unit}\? write time="t\*{factor}"; if it is in s, say max_gap='
+        rf'{8e-3 * scale:g}.* s from report to report, .*; time in {unit}\? write time="t\*{factor}"; if it is in s, give max_gap'
     )
     with pytest.raises(RecordingError, match=message.replace("e+0", "e.0")):
         recording(path, {"x": "x"}, time="t", reports=reports)

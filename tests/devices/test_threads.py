@@ -56,7 +56,7 @@ for n in (0, 1, 2, 3, 4, 5):
     while threading.active_count() > 1 and time.monotonic() < end:
         time.sleep(0.01)
     assert threading.active_count() == 1, threading.enumerate()
-    assert not stimlib.devices.sink._open_sinks and not stimlib.devices.sink._playing
+    assert not stimlib.devices.process.open_sinks and not stimlib.devices.process.playing
     if log.end:
         assert log.end["delivered"] == sum(map(len, log.frames))
 print(*sorted(ends), sep=", ")
@@ -80,7 +80,7 @@ def test_without_threads_a_sink_does_not_open_and_holds_nothing():
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 def test_without_threads_a_sink_does_not_start_and_holds_nothing():
-    assert "stimlib hand" in ran(FEW, "later")
+    assert "stimlib motion" in ran(FEW, "later")
 
 
 def test_what_cannot_be_waited_for():

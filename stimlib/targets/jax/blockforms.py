@@ -20,11 +20,12 @@ from ...blocks import fractional as pot
 from ...blocks import noise, thesis
 from ...blocks.bump import sinpi
 from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
+from ...blocks.creep import KelvinChain
 from ...blocks.delay import Delay
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
-from ...blocks.relaxation import KelvinChain, MaxwellArms
+from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
@@ -152,12 +153,12 @@ def pink(b, p, s, x, run):
     """As modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
-    from ...design import minimax
+    from ...design.pink import cholesky, stationary_covariance
 
     live = p.r != 0
     e = p.e[live]
     g = deviates(stream_key(run.key, *b.white.noise_key, 1), 0, e.size, jnp.float64)
-    q = jnp.asarray(minimax.cholesky(minimax.stationary_covariance(e))) @ g
+    q = jnp.asarray(cholesky(stationary_covariance(e))) @ g
     return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d, q)
 
 
@@ -273,7 +274,7 @@ class History(NamedTuple):
 
 
 def history(x: Any, contact: Any, step: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``step`` says so."""
+    """Movements since contact; a step from 0 at the very first contact where ``step`` is 1."""
     x = spread(x, n)
     if steady(contact):
         first = jnp.where(step > 0, 0.0, x[0])

@@ -88,7 +88,7 @@ class Function:
         key : int
             Of all noise of this run, as ``seed`` of ``stimlib.compile``.
         n : int
-            Samples, where no array tells it.
+            Samples, where the length of no array is it.
         gates : dict of str to array (n,)
             Decisions to take instead of the function's own, by the names of ``gates``: those of another run.
 
@@ -122,7 +122,7 @@ class Function:
         return self._call(params, motion, key, n, gates, self.outputs)
 
     def decisions(self, params=None, motion=None, key=None, *, n: int | None = None) -> dict[str, Any]:
-        """As a call, with what the gates and comparisons say besides: rows of 0 and 1 by the names of ``gates``."""
+        """As a call, with the results of gates and comparisons besides: rows of 0 and 1 by the names of ``gates``."""
         return self._call(params, motion, key, n, None, self.outputs + self.gates)
 
     def _call(self, params, motion, key, n, gates, wanted):
@@ -232,7 +232,7 @@ class Function:
 # What is given -------------------------------------------------------------------------------------------------------
 NARROW = (
     "JAX is in 32-bit mode, which would lose the motion's digits: put the transformation inside "
-    "'with jax.enable_x64(True):', or say jax.config.update('jax_enable_x64', True) first"
+    "'with jax.enable_x64(True):', or call jax.config.update('jax_enable_x64', True) first"
 )
 
 
@@ -289,7 +289,7 @@ def _length(rows: Mapping[str, Any], n: Any) -> int:
         raise BadValue(f"n = {n!r} must be a whole number of samples, at least 0")
     lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | ({} if n is None else {"n": int(n)})
     if not lengths:
-        raise BadValue("nothing tells how long the run is: say n, the number of samples")
+        raise BadValue("the length of the run is not known: give n, the number of samples")
     if len(set(lengths.values())) > 1:
         given = ", ".join(f"{name}: {size}" for name, size in lengths.items())
         raise BadValue(f"motion, parameters and gates must have one length, got {given}")

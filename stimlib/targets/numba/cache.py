@@ -132,7 +132,7 @@ def load(text: str, stem: str) -> types.ModuleType:
 
 def _load(place: Path, text: str) -> types.ModuleType:
     if _sound(place, text):
-        with suppress(Exception):  # numba lets whatever unpickling says through
+        with suppress(Exception):  # numba lets whatever unpickling raises through
             module = _execute(place, text)
             logger.debug("cache hit: %s in %s", place.name, place.parent)
             return module

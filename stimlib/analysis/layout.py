@@ -1,0 +1,294 @@
+"""Where everything goes in the picture of a graph: columns, rows, wires and words, in inches.
+
+The columns come from the longest path.  Inside, everything is a rectangle over a span of columns: a block takes one, an
+``enabled`` box as many as it is deep, and a connection that skips columns is a wire as long as the columns it crosses.
+So no line runs across a block, and the curves need only the gaps between columns.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ..core.graph import Add, Const, Guard, Input, Mul, Param, signals
+from ..core.program import PARAMS, ROOT, Instance, Program
+
+# inches and points
+TITLE, SMALL = 8.0, 6.5
+LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13, 0.2
+
+
+@dc.dataclass(eq=False)
+class Box:
+    """A rectangle over the columns first .. last: a block, a wire, or an ``enabled`` with what is in it."""
+
+    number: int  # of the instance; of the close for an enabled; of the source for a wire
+    height: float
+    width: float = 0.0
+    first: int = 0
+    last: int = 0
+    y: float = 0.0  # of the top, in the box around it
+    inner: Level | None = None
+
+    @property
+    def columns(self) -> int:
+        return self.last - self.first + 1
+
+
+@dc.dataclass(eq=False)
+class Level:
+    """The boxes of one clock (the top level: of the root and the parameters)."""
+
+    clock: int
+    boxes: list[Box] = dc.field(default_factory=list)
+    wires: dict[int, Box] = dc.field(default_factory=dict)
+    columns: int = 1
+    height: float = 0.0
+
+
+class Layout:
+    """Where everything goes, in inches from the top left."""
+
+    def __init__(self, program: Program):
+        self.program = program
+        self.names = {i: name for name, i in program.outputs.items()}
+        self.box: dict[int, Box] = {}
+        self.wires: dict[int, Box] = {}  # by source
+        self.top = self.level(ROOT)
+        self.columns(self.top, 0)
+        self.pack(self.top)
+        self.place()
+
+    def sources(self, i: int) -> tuple[int, ...]:
+        """What is connected to an instance (numbers stand inside it)."""
+        return self.signals(self.program.instances[i].args)
+
+    def gate(self, box: Box) -> tuple[int, ...]:
+        """What decides whether an enabled runs."""
+        return self.signals(self.opened(box).args)
+
+    def opened(self, box: Box) -> Instance:
+        return self.program.instances[self.program.instances[box.number].args[0]]
+
+    def signals(self, args: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(a for a in args if self.program.instances[a].kind not in ("const", "open"))
+
+    # Columns ---------------------------------------------------------------------------------------------------------
+    def level(self, clock: int) -> Level:
+        """Boxes of a clock with their sizes, inner ones first."""
+        out = Level(clock)
+        for i, q in enumerate(self.program.instances):
+            if q.clock != clock and not (clock == ROOT and q.clock == PARAMS) or q.kind in ("const", "open"):
+                continue
+            if q.kind == "close":
+                inner = self.level(self.program.instances[q.args[0]].child)
+                self.columns(inner, 0)
+                self.pack(inner)
+                box = Box(i, inner.height + STRIP + 2 * PAD, inner=inner)
+            else:
+                lines = self.text(i)
+                width = max(width_of(t, TITLE if j == 0 else SMALL) for j, t in enumerate(lines))
+                ports = len(self.sources(i)) if self.ordered(i) else 0
+                box = Box(i, max(LINE * len(lines) + 0.11, 0.15 * ports), max(width + 0.16, 0.3))
+            self.box[i] = box
+            out.boxes.append(box)
+        return out
+
+    def columns(self, level: Level, start: int) -> None:
+        """Longest path from the left; what no Input reaches moves right, next to its user."""
+        at: dict[Box, int] = {}
+        after: dict[Box, list[int]] = {}
+        owner = {b.number: b for b in level.boxes}
+        for box in level.boxes:
+            box.last = box.first + (box.inner.columns - 1 if box.inner else 0)
+            needs = self.gate(box) if box.inner else self.sources(box.number)
+            at[box] = max((at[owner[a]] + owner[a].columns for a in needs if a in owner), default=0)
+        for box in reversed(level.boxes):
+            if self.program.instances[box.number].autonomous and box in after:
+                at[box] = min(after[box]) - box.columns
+            for a, column in self.needs(box):
+                if a in owner:
+                    after.setdefault(owner[a], []).append(at[box] + column - box.first)
+        level.columns = max((at[b] + b.columns for b in level.boxes), default=1)
+        for box in level.boxes:
+            last = isinstance(self.program.instances[box.number].block, Guard)
+            self.shift(box, start - box.first + (level.columns - 1 if last else at[box]))
+
+    def shift(self, box: Box, by: int) -> None:
+        box.first, box.last = box.first + by, box.last + by
+        for b in [*box.inner.boxes, *box.inner.wires.values()] if box.inner else []:
+            self.shift(b, by)
+
+    def needs(self, box: Box) -> list[tuple[int, int]]:
+        """(instance, column) of everything that comes into a box, also of parameters for what is inside."""
+        if not box.inner:
+            return [(a, box.first) for a in self.sources(box.number)]
+        own = {b.number for b in box.inner.boxes}
+        return (
+            [(a, box.first) for a in self.gate(box)]
+            + [(a, c) for b in box.inner.boxes for a, c in self.needs(b) if a not in own]
+            + [(a, box.last + 1) for a in self.sources(box.number) if a not in own]
+        )
+
+    # Rows ------------------------------------------------------------------------------------------------------------
+    def pack(self, level: Level) -> None:
+        """Heights: barycentres, and a skyline that keeps rectangles apart; the best of some rounds."""
+        owner = {b.number: b for b in level.boxes}
+        ends = [(owner[a], box, column) for box in level.boxes for a, column in self.needs(box) if a in owner]
+        far: dict[Box, int] = {}
+        for a, _, column in ends:
+            if column > a.last + 1:
+                far[a] = max(far.get(a, 0), column - 1)
+        level.wires = {a.number: Box(a.number, WIRE, first=a.last + 1, last=last) for a, last in far.items()}
+        self.wires |= level.wires
+        links = [(a, level.wires[a.number]) for a in far]
+        links += [(level.wires[a.number] if column > a.last + 1 else a, b) for a, b, column in ends]
+        boxes = [*level.boxes, *level.wires.values()]
+        near: dict[Box, list[Box]] = {b: [] for b in boxes}
+        for a, b in links:
+            near[a].append(b)
+            near[b].append(a)
+        rank = {b: float(b.number) for b in boxes}
+        best, kept = np.inf, {b: 0.0 for b in boxes}
+        wish: dict[Box, float] = {}
+        for turn in range(60):
+            order = sorted(boxes, key=lambda b: (wish.get(b, 0.0), rank[b]) if wish else (rank[b], 0.0))
+            wanted = {b: wish[b] - b.height / 2 for b in boxes} if wish else {b: 0.0 for b in boxes}
+            down, up = _skyline(order, wanted, 1.0), _skyline(order[::-1], wanted, -1.0)
+            y = {b: (down[b] + up[b]) / 2 for b in boxes}
+            cost = sum(abs(y[a] + a.height / 2 - y[b] - b.height / 2) for a, b in links)
+            cost += 0.2 * _crossings(links, y)
+            cost += 0.3 * (max((y[b] + b.height for b in boxes), default=0.0) - min(y.values(), default=0.0))
+            if cost < best - 1e-9:
+                best, kept = cost, y
+            middle = {b: y[b] + b.height / 2 for b in boxes}
+            side = turn % 3  # both, sources, users
+            wish = {}
+            for b in boxes:
+                n = [o for o in near[b] if side == 0 or (o.last < b.first) == (side == 1)] or [b]
+                wish[b] = sum(middle[o] for o in n) / len(n)
+        low = min(kept.values(), default=0.0)
+        for b in boxes:
+            b.y = kept[b] - low
+        level.height = max((b.y + b.height for b in boxes), default=0.15)
+
+    # Places ----------------------------------------------------------------------------------------------------------
+    def place(self) -> None:
+        """Columns to x, rows to y."""
+        wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
+        for b in self.box.values():
+            if not b.inner:
+                wide[b.first] = max(wide[b.first], b.width)
+                crossed[b.first + 1] = max(crossed[b.first + 1], GAP + 0.7 * width_of(self.unit(b.number), SMALL))
+            else:
+                crossed[b.first] = max(crossed[b.first], GAP + PAD)
+                crossed[b.last + 1] = max(crossed[b.last + 1], GAP + PAD + width_of(self.unit(b.number), SMALL))
+        self.x = [MARGIN + sum(wide[:c]) + sum(crossed[1 : c + 1]) for c in range(self.top.columns)]
+        self.wide = wide
+        self.y: dict[Box, float] = {}
+        self._rows(self.top, MARGIN)
+
+    def _rows(self, level: Level, start: float) -> None:
+        for b in [*level.boxes, *level.wires.values()]:
+            self.y[b] = start + b.y
+            if b.inner:
+                self._rows(b.inner, start + b.y + STRIP + PAD)
+
+    def out(self, box: Box) -> tuple[float, float]:
+        """Where a box's signal leaves it."""
+        if box.inner:
+            return self.right(box) + PAD, self.port(box)
+        middle = self.x[box.first] + self.wide[box.first] / 2
+        return middle + box.width / 2, self.y[box] + box.height / 2
+
+    def right(self, box: Box) -> float:
+        return self.x[box.last] + self.wide[box.last]
+
+    def port(self, box: Box) -> float:
+        """Height at which an enabled gives its signal out: that of the block inside."""
+        assert box.inner
+        inner = self.box.get(self.sources(box.number)[0]) if self.sources(box.number) else None
+        if inner is not None and inner in box.inner.boxes:
+            return self.out(inner)[1]
+        return self.y[box] + STRIP + (box.height - STRIP) / 2
+
+    # Words -----------------------------------------------------------------------------------------------------------
+    def unit(self, i: int) -> str:
+        unit = str(self.program.instances[i].block.dim)
+        return "" if unit == "1" else unit
+
+    def text(self, i: int) -> list[str]:
+        """Lines in a box: what it is, and its numbers."""
+        q = self.program.instances[i]
+        b = q.block
+        args = [(n, self.program.instances[a].block) for n, a in zip(signals(type(b)), q.args, strict=True)]
+        numbers = [_number(n, a) for n, a in args if isinstance(a, Const)]
+        if isinstance(b, Guard):
+            return [self.names.get(i, "output"), *numbers]
+        if isinstance(b, Input):
+            return [b.name]
+        if isinstance(b, Param):
+            return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
+        if b.sign:
+            if numbers and isinstance(b, Mul | Add):  # the order does not matter, so the field's name does not
+                numbers = [n.split(" = ")[1] for n in numbers]
+                return [" ".join([b.sign, *numbers])]
+            return [b.sign, *numbers]
+        fields = [f.name for f in dc.fields(b) if f.name not in signals(type(b)) and not f.name.endswith("unit")]  # type: ignore[arg-type]
+        data = [(n, getattr(b, n)) for n in fields]
+        lines = numbers + [_field(n, v) for n, v in data if v is not None and v is not False]
+        return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]
+
+    def ordered(self, i: int) -> bool:
+        """Whether it matters which signal comes in where."""
+        return len(self.sources(i)) > 1 and not isinstance(self.program.instances[i].block, Add | Mul)
+
+
+def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
+    """Pairs of connections over the same gap that change sides."""
+    gaps: dict[int, list[tuple[float, float]]] = {}
+    for a, b in links:
+        gaps.setdefault(a.last, []).append((y[a] + a.height / 2, y[b] + b.height / 2))
+    count = 0
+    for ends in gaps.values():
+        at = np.array(ends)
+        count += int(np.sum((at[:, None, 0] < at[None, :, 0]) & (at[:, None, 1] > at[None, :, 1])))
+    return count
+
+
+def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box, float]:
+    """Tops of boxes put down one after the other (way 1) or up (way -1), as near to where they want to be as they can."""
+    edge: dict[int, float] = {}
+    y = {}
+    for b in order:
+        columns = range(b.first, b.last + 1)
+        start = wanted[b] if way > 0 else -(wanted[b] + b.height)
+        top = max([start, *(edge[c] for c in columns if c in edge)])
+        for c in columns:
+            edge[c] = top + b.height + SPACE
+        y[b] = top if way > 0 else -top - b.height
+    return y
+
+
+def _number(name: str, b: Any) -> str:
+    unit = "" if str(b.dim) == "1" else f" {b.dim}"
+    return f"{name} = {b.value:g}{unit}"
+
+
+def _field(name: str, v: Any) -> str:
+    if isinstance(v, np.ndarray):
+        return f"{name}: {v.size} numbers"
+    text = f"{v:g}" if isinstance(v, float) else str(v)
+    return f"{name} = {text if len(text) <= 24 else text[:23] + chr(0x2026)}"
+
+
+@cache
+def width_of(text: str, size: float) -> float:
+    """Inches of a text in the one font that comes with matplotlib."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    return TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans")).get_extents().width / 72 if text else 0.0

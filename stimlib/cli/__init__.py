@@ -1,0 +1,9 @@
+"""The command line: render, play, verify, show and list scenes.
+
+A module for each group of commands; ``app`` has what they share, ``scene`` and ``motions`` what SCENE and --motion mean.
+"""
+
+from . import files, devices, proofs, scenes  # noqa: I001  # each adds its commands, in the order of --help
+from .app import app
+
+__all__ = ["app", "devices", "files", "proofs", "scenes"]

@@ -1,0 +1,127 @@
+"""The command ``stimlib``: how its subcommands are made, end and print."""
+
+from __future__ import annotations
+
+import errno
+import inspect
+import json
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial, wraps
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ..errors import StimlibError, shown
+from ..version import __version__
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False)
+errors = Console(stderr=True)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"stimlib {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def main(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+):
+    """Haptic stimuli composed from small pure blocks: render, play, look at and list them."""
+
+
+Command = Callable[..., Any]
+
+
+def command(name: str, **shared: Command) -> Callable[[Command], Command]:
+    """Make a function a subcommand: its errors in one line, and the options of these functions among its own."""
+
+    def made(function: Command) -> Command:
+        return app.command(name)(sharing(friendly()(function), shared))
+
+    return made
+
+
+def sharing(function: Command, shared: dict[str, Command]) -> Command:
+    """A command with the options (keyword-only parameters) of other functions; it gets each of them with these filled in."""
+
+    @wraps(function)
+    def run(**given: Any) -> None:
+        for name, f in shared.items():
+            given[name] = partial(f, **{option: given.pop(option) for option in _options(f)})
+        function(**given)
+
+    takes: list[inspect.Parameter] = []
+    for name, p in inspect.signature(function, eval_str=True).parameters.items():
+        takes += _options(shared[name]).values() if name in shared else [p.replace(kind=p.KEYWORD_ONLY)]
+    run.__signature__ = inspect.Signature(takes)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in takes}
+    del run.__wrapped__  # or its annotations are read
+    return run
+
+
+def _options(f: Command) -> dict[str, inspect.Parameter]:
+    return {n: p for n, p in inspect.signature(f, eval_str=True).parameters.items() if p.kind is p.KEYWORD_ONLY}
+
+
+@contextmanager
+def friendly() -> Iterator[None]:
+    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", RuntimeWarning)
+            warnings.showwarning = lambda message, *_, **__: note(message)
+            yield
+    except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
+        raise
+    except StimlibError as e:
+        failed(e)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        errors.print("stopped; nothing was left behind")
+        raise typer.Exit(130) from None
+    except Exception as e:
+        if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:
+            failed(f"cannot write what is printed: {e.strerror}")
+            raise typer.Exit(2) from None
+        errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
+        _line("[bold red]unexpected error:[/]", f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it")
+        raise typer.Exit(3) from None
+
+
+# What is printed -----------------------------------------------------------------------------------------------------
+def failed(text: Any) -> None:
+    """An error, in one line on stderr."""
+    _line("[bold red]error:[/]", text)
+
+
+def note(text: Any) -> None:
+    """A warning, in one line on stderr."""
+    _line("[bold yellow]note:[/]", text)
+
+
+def _line(what: str, text: Any) -> None:
+    errors.print(f"{what} ", end="")
+    errors.print(shown(text), markup=False, highlight=False, soft_wrap=True)
+
+
+def print_json(data: Any) -> None:
+    """Data for programs, on stdout."""
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+def print_wide(data: Any) -> None:
+    """A table or report on stdout, as wide as the terminal, or 130 characters where that is none."""
+    Console(width=None if sys.stdout.isatty() else 130).print(data)
+
+
+def end(passed: bool) -> None:
+    """Exit status 1 where a check failed."""
+    if not passed:
+        raise typer.Exit(1)

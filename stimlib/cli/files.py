@@ -1,0 +1,149 @@
+"""``demo``, ``render``, ``render-set`` and ``recover``: what writes sound files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import shown
+from . import options as opt
+from .app import command, end, errors, note, print_wide
+from .motions import motions_of
+from .scene import SceneText, params_of, run_files, scene_of, touching
+
+
+@command("demo")
+def demo_(
+    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path("stimlib-demo"),
+):
+    """Render three stimuli as files, pictures, proofs and copies for ears, with a table of what to look at.  Start here.
+
+    Exit status 1 when a check fails.
+
+    [bold]stimlib demo[/]
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..demo import demo
+
+    table = Table()
+    for column in ("file", "what it is", "what to look at, or listen for"):
+        table.add_column(column, overflow="fold")
+    passed = True
+    with errors.status("rendering, proving and drawing; the first time also compiling"):
+        for made in demo(folder):
+            for path, what, look in made.files:
+                table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+            passed &= made.passed
+    print_wide(table)
+    print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
+    end(passed)
+
+
+@command("render", motions=motions_of)
+def render_(
+    scene: SceneText,
+    out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
+    motions: Any,
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
+    set_: opt.FileParams = [],
+    seed: opt.Seed = 0,
+    full_scale: Annotated[
+        float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
+    ] = None,
+    subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")
+    ] = None,
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
+):
+    """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
+
+    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
+    """
+    run_files(import_)
+    from ..files import audio as file
+    from ..run.processor import compile
+    from ..run.rendering import render
+
+    made = scene_of(scene)
+    values = params_of(set_)
+    motion, recorded = motions(made, contact=touching(scene))
+    length = seconds if seconds is not None else recorded or 5.0
+    proc = compile(made, fs, seed=seed)
+    for name, value in values.items():
+        proc.set(name, value, ramp=0.0)
+    report = file.write(out, proc, motion, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
+    if not quiet:
+        print(report)
+        top = max(report.peak.values())
+        if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
+            share, steps = 100 * top / full_scale, full_scale / 2**23
+            text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
+            note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
+    if picture is not None:
+        from ..analysis.picture import picture as draw
+
+        draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
+
+
+@command("render-set", motions=motions_of)
+def render_set_(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder to write the files and index.json into; a set that was interrupted goes on.")
+    ],
+    motions: Any,
+    contact: Annotated[
+        bool, typer.Option("--contact", help="The bumps rest while the finger is lifted; for recordings with lifts.")
+    ] = False,
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
+    repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
+    seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
+    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
+    quiet: opt.Quiet = False,
+):
+    """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
+
+    The finger strokes 0.1 m at 20 mm/s, unless --motion is given.
+
+    [bold]stimlib render-set bumps/[/]
+    """
+    from ..files.batch import render_set
+    from ..scenes import bumps, bumps_set
+
+    scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s, contact=contact) for s in bumps_set()}
+    motion, recorded = motions(next(iter(scenes.values())), ("constant_speed(0.02, 0.1)",), "add --contact")
+    index = render_set(
+        folder,
+        scenes,
+        motion,
+        seconds if seconds is not None else recorded or 5.0,
+        fs,
+        seed=seed,
+        repetitions=repetitions,
+        full_scale=400.0,
+        workers=workers,
+        progress=not quiet,
+    )
+    if not quiet:
+        print(f"{len(scenes)} files and {index}")
+
+
+@command("recover")
+def recover(
+    file: Annotated[Path, typer.Argument(help="The file that was to be written, without .part.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Where to write it instead, with the same suffix.", show_default=False)] = None,
+):
+    """Make a file of what a run of [bold]stimlib render[/] left when it was killed.
+
+    [bold]stimlib recover squeeze.wav[/]
+    """
+    from ..files.publish import recover as recover_file
+
+    print(recover_file(file, out))

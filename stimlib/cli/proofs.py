@@ -1,0 +1,105 @@
+"""``verify`` and ``replay``: whether what was written or displayed is what scene and motion ask for."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import BadValue
+from . import options as opt
+from .app import command, end, print_json, print_wide
+from .motions import motions_of
+from .scene import run_files, scene_of, touching
+
+
+@command("verify", motions=motions_of)
+def verify_(
+    motions: Any,
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="FILE|SCENE",
+            help="The sound file that [bold]stimlib render[/] wrote; or the scene that --wav or --log must be of.",
+            show_default=False,
+        ),
+    ] = None,
+    wav: Annotated[
+        Path | None, typer.Option(help="The sound file, where SCENE is the scene that is expected.", show_default=False)
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page.")] = None,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Prove that a file, or a session's log, is what scene and motion ask for.  Exit status 1 when a check fails.
+
+    Scene, parameters, seed and motion are read from the file's sidecar, a recording from the path that it names, if that file
+    still has its SHA-256. A motion whose text does not define it is given again, as it was rendered. A log has all of it. If
+    SCENE is given, it must be that one.
+
+    [bold]stimlib verify squeeze.wav --report squeeze.html[/]
+
+    [bold]stimlib verify "squeeze(fingers=1)" --wav squeeze.wav[/]
+
+    [bold]stimlib verify --log monday.stimlog[/]
+    """
+    run_files(import_)
+    from ..files.formats import FORMATS
+
+    if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
+        if wav is not None:
+            raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
+        wav, scene = Path(scene), None
+    given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
+    if log is not None:
+        if wav is not None or given:
+            raise BadValue("a log has its motion and its samples: give --log without --wav and --motion")
+        from ..checks.session import verify_log
+        from ..files.session import read_log
+
+        expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
+        result = verify_log(read_log(log), expected)
+    else:
+        from ..checks.verify import scene_told, verify_file
+
+        if wav is None:
+            raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
+        expected = None if scene is None else scene_of(scene)
+        motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0] if given else None
+        result = verify_file(wav, expected, motion)
+    if report is not None:
+        result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
+    if json_:
+        print_json(result.to_dict())
+    else:
+        print_wide(result)
+        if report is not None:
+            print(f"report: {report}")
+    end(result.passed)
+
+
+@command("replay")
+def replay(
+    log: Annotated[Path, typer.Argument(help="The log of a session, NAME.stimlog.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
+    ] = None,
+    import_: opt.Import = [],
+):
+    """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
+
+    [bold]stimlib replay monday.stimlog --out monday.wav[/]
+    """
+    run_files(import_)
+    from ..files.replay import replay as replay_log
+    from ..files.session import read_log
+
+    result = replay_log(read_log(log), out)
+    print(result)
+    end(result.matches)

@@ -1,0 +1,145 @@
+"""SCENE on the command line: a shipped scene, a function of the user's, or a saved scene."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..core import regular
+from ..core.scene import Scene, load
+from ..errors import BadValue, SceneError, StimlibError, UnknownName
+
+
+def shipped() -> dict[str, Callable[..., Scene]]:
+    """Scenes by name."""
+    from ..scenes import SHIPPED
+
+    return SHIPPED  # type: ignore[return-value]
+
+
+def _begun(text: str) -> list[str]:
+    """The shipped scenes whose names begin so, for the shell's completion."""
+    return [name for name in shipped() if name.startswith(text)]
+
+
+SceneText = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=_begun,
+        metavar="SCENE",
+        help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
+        "[bold]path.py:function[/] (your own code; it is run), or a saved "
+        "[bold]path.json[/] (data; nothing in it is run).",
+        show_default=False,
+    ),
+]
+
+
+def scene_of(text: str) -> Scene:
+    """The scene that SCENE on the command line means.
+
+    Raises
+    ------
+    UnknownName, SceneError
+        Nothing of that name; a function that does not give a scene.
+
+    Examples
+    --------
+    >>> from stimlib.cli.scene import scene_of
+    >>> list(scene_of("squeeze").outputs)
+    ['force1', 'force2']
+    """
+    name, _, words = text.partition("(")
+    if name in shipped():
+        return _shipped(name, f"({words}" if words else "()")
+    path, _, function = text.rpartition(":")
+    if path.endswith(".py"):
+        return _own(path, function)
+    if text.endswith(".json"):
+        return load(text)
+    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
+
+
+_ours: set[str] = set()  # names of the modules that _own has made
+
+
+def _own(path: str, function: str | None = None) -> Any:
+    """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
+
+    Where the file or the function raises, the error names their line.
+    """
+    regular.read(path, "scene_bytes", SceneError)  # a regular file
+    spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
+    if spec is None or spec.loader is None:
+        raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
+    if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours:
+        raise SceneError(f"{path}: there is another module {name}, which stimlib may need: give the file another name")
+    sys.modules[name] = module = importlib.util.module_from_spec(spec)
+    _ours.add(name)
+    try:
+        spec.loader.exec_module(module)
+        if function is None:
+            return None
+        if not callable(make := getattr(module, function, None)):
+            raise SceneError(f"{path} has no function {function!r}")
+        scene = make()
+    except Exception as e:
+        at = [frame.lineno for frame in traceback.extract_tb(e.__traceback__) if frame.filename == spec.origin]
+        line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
+        if line is None and isinstance(e, StimlibError):
+            raise
+        what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
+        raise SceneError(f"{path}:{line or function or 1}: {what}") from e
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
+    return scene
+
+
+def run_files(files: list[str]) -> None:
+    """Run the files of --import, so that their blocks are known."""
+    for path in files:
+        _own(path)
+
+
+def _shipped(name: str, words: str) -> Scene:
+    """A shipped scene called with literal keyword arguments."""
+    make = shipped()[name]
+    chosen: dict[Any, Any]
+    try:
+        call = ast.parse(name + words, mode="eval").body
+        assert isinstance(call, ast.Call) and not call.args
+        chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
+        assert None not in chosen
+    except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):  # as deep as the parser goes
+        raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
+    known = inspect.signature(make).parameters
+    if wrong := set(chosen) - set(known):
+        raise UnknownName(f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}")
+    return make(**chosen)
+
+
+def touching(text: str) -> str:
+    """How the scene that is SCENE on the command line gets an input contact."""
+    name = text.partition("(")[0]
+    return f"use {name}(contact=True)" if name in shipped() else ""
+
+
+def params_of(items: list[str]) -> dict[str, float]:
+    """Parameters of --set."""
+    from ..motion.text import pairs
+
+    found = {}
+    for name, text in pairs(items, "--set", "NAME=VALUE").items():
+        try:
+            found[name] = float(text)
+        except ValueError:
+            raise BadValue(f"--set {name}={text}: {text!r} is not a number") from None
+    return found

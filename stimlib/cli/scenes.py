@@ -1,0 +1,85 @@
+"""``show`` and ``list``: what there is, and what a scene runs."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ..core.scene import Scene
+from ..errors import shown
+from . import options as opt
+from .app import command, print_json
+from .scene import SceneText, run_files, scene_of, shipped
+
+
+@command("show")
+def show(
+    scene: SceneText,
+    fs: opt.Rate = 8000.0,
+    draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
+
+    [bold]stimlib show squeeze --draw squeeze.svg[/]
+    """
+    run_files(import_)
+    from ..run.processor import compile
+
+    made = scene_of(scene)
+    plan = compile(made, fs, target="python").plan
+    if json_:
+        print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
+    else:
+        print(shown(made))
+        print(shown(plan))
+    if draw is not None:
+        from ..analysis.draw import draw as draw_graph
+
+        draw_graph(made, draw)
+    if save is not None:
+        made.save(save)
+
+
+@command("list")
+def list_(json_: opt.Json = False):
+    """The shipped scenes, with their parameters, and the motions that render understands."""
+    from ..motion.generators import GENERATORS
+
+    if json_:
+        scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
+        return print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
+    out = Console()
+    for name, make in shipped().items():
+        made = make()
+        out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
+        out.print(f"    {made!r}", markup=False, highlight=False, soft_wrap=True)
+    out.print("[bold]motions[/]")
+    for name, generator in GENERATORS.items():
+        known = inspect.signature(generator).parameters.values()
+        words = ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known)
+        out.print(f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}", soft_wrap=True)
+
+
+def _facts(scene: Scene) -> dict[str, Any]:
+    """What a scene takes and gives, as plain data."""
+    return {
+        "inputs": {n: {"unit": str(b.dim)} for n, b in scene.inputs.items()},
+        "params": {n: {"value": b.value, "unit": str(b.dim)} for n, b in scene.params.items()},
+        "outputs": {n: {"unit": str(b.dim)} for n, b in scene.outputs.items()},
+        "hash": scene.hash,
+    }
+
+
+def _call(function: Callable[..., Any]) -> dict[str, Any]:
+    """What a function is for, and its arguments with their defaults; None where one must be given."""
+    known = inspect.signature(function).parameters.values()
+    defaults = {p.name: None if p.default is p.empty else p.default for p in known}
+    return {"what": (inspect.getdoc(function) or "").splitlines()[0], "arguments": defaults}

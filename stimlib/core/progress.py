@@ -1,0 +1,43 @@
+"""The one progress bar."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress(what: str, total: float | None, wanted: bool | str = True) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr.
+
+    Parameters
+    ----------
+    what : str
+        What is going on.
+    total : float or None
+        Steps, or None where they are not known.
+    wanted : bool or "always"
+        True where stderr is a terminal, "always" anywhere.
+
+    Yields
+    ------
+    callable
+        Called with the steps just done, and with another text if that has changed.
+
+    Examples
+    --------
+    >>> from stimlib.core.progress import progress
+    >>> with progress("counting", 3) as advance:
+    ...     for _ in range(3):
+    ...         advance(1)
+    """
+    if not wanted or (wanted is True and not (sys.stderr and sys.stderr.isatty())):
+        yield lambda done, text="": None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, TimeElapsedColumn
+
+    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done, text=what: bar.update(task, advance=done, description=text)

@@ -1,0 +1,31 @@
+"""Arrays in whole groups of eight, as the sums of ``stimlib.core.maths`` take them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+
+def eights(n: int) -> int:
+    """The next multiple of eight.
+
+    Examples
+    --------
+    >>> from stimlib.design.eights import eights
+    >>> eights(8), eights(9)
+    (8, 16)
+    """
+    return -(-n // 8) * 8
+
+
+def padded(a: npt.ArrayLike, value: float = 0.0, n: int | None = None) -> np.ndarray:
+    """An array with a value behind it, up to n elements; by default up to the next multiple of eight.
+
+    Examples
+    --------
+    >>> from stimlib.design.eights import padded
+    >>> padded([1.0, 2.0, 3.0])
+    array([1., 2., 3., 0., 0., 0., 0., 0.])
+    """
+    a = np.asarray(a, np.float64)
+    return np.pad(a, (0, (eights(a.size) if n is None else n) - a.size), constant_values=value)

@@ -1,0 +1,304 @@
+"""The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such modes under white noise."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import BadValue
+from .minimax import FloatArray, alternating, between, peaks_of
+
+PASS_EDGE = 0.45
+"""Upper end of the 3 dB/oct pass band, in units of fs."""
+
+MAX_SECTIONS = 24
+"""Most first-order sections of a 3 dB/oct low-pass."""
+
+MAX_SPAN = 1e9
+"""Largest fs/f_low of a 3 dB/oct low-pass."""
+
+MIN_TOL_DB = 1e-8
+"""Smallest tolerance of a 3 dB/oct low-pass: below it the equal ripple drowns in rounding."""
+
+_DB = 10 / math.log(10)  # dB per unit of log |H|^2
+
+
+class PinkDesign(NamedTuple):
+    """A filter as parallel leaky modes, ``q += x - e*q`` and then ``y = d*x + sum(r*q)``.
+
+    Attributes
+    ----------
+    e : ndarray, shape (n,)
+        Leaks, 1 - pole, ascending: the slowest mode first.  Read-only.
+    r : ndarray, shape (n,)
+        Residues, the weights of the updated states.  Read-only.
+    d : float
+        Direct gain.
+    error_db : float
+        Largest deviation of the gain from 3 dB/oct in the pass band, dB.
+    """
+
+    e: FloatArray
+    r: FloatArray
+    d: float
+    error_db: float
+
+
+@lru_cache(maxsize=256)
+def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
+    """3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs, with the fewest first-order sections that meet a tolerance.
+
+    Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section with real pole and real zero
+    has the gain (v + a)/(v + b), so the bilinear warp is part of the target, 1/(2 atan sqrt v), and the top octave is
+    right as well.  Below f_low the gain levels off.
+
+    Parameters
+    ----------
+    fs : float
+        Sample rate, Hz.
+    f_low : float
+        Lower edge of the pass band, Hz; fs/1e9 to 0.225 fs (an octave below the upper edge).
+    tol_db : float
+        Largest deviation allowed in the pass band, dB; at least 1e-8.
+
+    Returns
+    -------
+    PinkDesign
+        The filter as parallel modes, ``H(z) = d + sum_k r_k/(1 - (1 - e_k)/z)``.
+
+    Raises
+    ------
+    BadValue
+        If an argument is out of range, or if 24 sections do not meet `tol_db`; the message has what they reach.
+
+    Notes
+    -----
+    The error of n sections is about ``11 exp(-pi^2 (2n + 1)/(2 log(4/l)))`` dB with l the ratio of tan(w/2) at the
+    two edges.  White noise of variance pi S1 through this filter has the one-sided density S1/f.
+
+    References
+    ----------
+    The UGrip paper, section 1.1, "3 dB/octave low-pass filter H(s)".
+    Zolotarev, E. I. (1877), Mem. Acad. Sci. St. Petersburg 30(5): best rational approximation of the square root.
+
+    Examples
+    --------
+    >>> from stimlib.design.pink import pink_modes
+    >>> modes = pink_modes(fs=8000, f_low=1, tol_db=0.01)
+    >>> len(modes.e), modes.error_db < 0.01
+    (8, True)
+    """
+    if not (math.isfinite(fs) and fs > 0):
+        raise BadValue(f"pink_modes: fs = {fs} Hz: the sample rate must be a finite number above 0")
+    if not fs / MAX_SPAN <= f_low <= PASS_EDGE / 2 * fs:
+        raise BadValue(
+            f"pink_modes: f_low = {f_low} Hz: the pass band ends at 0.45 fs and is 3 dB/oct over one octave or more; "
+            f"at fs = {fs:g} Hz choose f_low from {fs / MAX_SPAN:g} to {PASS_EDGE / 2 * fs:g} Hz"
+        )
+    if not MIN_TOL_DB <= tol_db < math.inf:
+        raise BadValue(f"pink_modes: tol_db = {tol_db} dB: choose a finite tolerance of at least {MIN_TOL_DB:g} dB")
+    w_low = 2 * math.pi * f_low / fs
+    n = min(_sections_estimate(w_low, tol_db), MAX_SECTIONS)
+    modes = _minimax_modes(w_low, n)
+    while modes.error_db > tol_db and n < MAX_SECTIONS:
+        n += 1
+        modes = _minimax_modes(w_low, n)
+    if modes.error_db > tol_db:
+        raise BadValue(
+            f"pink_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz takes more than "
+            f"{MAX_SECTIONS} sections, which reach {modes.error_db:.3g} dB: raise tol_db to that, or raise f_low"
+        )
+    while n > 1 and (fewer := _minimax_modes(w_low, n - 1)).error_db <= tol_db:
+        n, modes = n - 1, fewer
+    return modes
+
+
+def _log_edges(w_low: float) -> tuple[float, float]:
+    """log tan(w/2) at both ends of the pass band."""
+    return math.log(math.tan(w_low / 2)), math.log(math.tan(math.pi * PASS_EDGE))
+
+
+def _sections_estimate(w_low: float, tol_db: float) -> int:
+    """Sections for a tolerance, from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2 log(4/l))) dB."""
+    low, high = _log_edges(w_low)
+    n = math.log(max(11 / tol_db, 1.0)) * (math.log(4) + high - low) / math.pi**2 - 0.5
+    return max(1, math.ceil(n))
+
+
+def _agm(a: float, b: float) -> float:
+    """Arithmetic-geometric mean."""
+    while abs(a - b) > 1e-15 * a:
+        a, b = (a + b) / 2, math.sqrt(a * b)
+    return a
+
+
+def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
+    """Logarithm of sc(x K) for sign -1 (0 < x < 1) or of nd(x K) for sign +1 (0 <= x <= 1), complementary modulus k1.
+
+    Products over the nome exp(-s), s = pi K/K', of the complementary modulus; they converge fast where the modulus
+    itself is close to one, and no close numbers are subtracted::
+
+        log f(x K) = -log(k1)/2 - s (1 - 2x)/4 + sum_j (-1)^j log (1 + sign e^(-s(j + x)))/(1 + sign e^(-s(j + 1 - x)))
+    """
+    s = math.pi * _agm(1.0, math.sqrt((1 - k1) * (1 + k1))) / _agm(1.0, k1)
+    j = np.arange(math.ceil(40 / s) + 1)[:, None]
+    above, below = -s * (j + x), -s * (j + 1 - x)
+    if sign < 0:
+        factors = np.log(-np.expm1(above)) - np.log(-np.expm1(below))
+    else:
+        factors = np.log1p(np.exp(above)) - np.log1p(np.exp(below))
+    return -math.log(k1) / 2 - s * (1 - 2 * x) / 4 + np.sum((1 - 2 * (j % 2)) * factors, axis=0)
+
+
+def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Zolotarev's best approximation of v^(-1/2): log b_1, log a_1, log b_2, ... (2n,), and its reference (2n + 2,)."""
+    k1, inside, peaks = math.exp(low - high), np.arange(1, 2 * n + 1), np.arange(2 * n + 2)
+    roots = 2 * low + 2 * _log_elliptic(inside / (2 * n + 1), k1, -1)
+    return roots, low + _log_elliptic(peaks / (2 * n + 1), k1, +1)
+
+
+def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
+    """log(|H|^2 w) at t = log tan(w/2), of the design (log b_1, log a_1, ..., log b_n, log a_n, log gain)."""
+    v, c = np.exp(2 * t)[:, None], np.exp(design[:-1])
+    return design[-1] + np.log(np.prod((v + c[1::2]) / (v + c[::2]), axis=1)) + np.log(2 * np.arctan(np.exp(t)))
+
+
+def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
+    """The design whose ripple is +E, -E, +E, ... on the reference, by Newton's method for the design and E."""
+    v = np.exp(2 * reference)[:, None]
+    charge = np.resize([-1.0, 1.0], len(design) - 1)  # of poles and zeros
+    sign = np.resize([1.0, -1.0], (len(reference), 1))
+    for _ in range(40):
+        c = np.exp(design[:-1])
+        jacobian = np.hstack([charge * c / (v + c), np.ones_like(sign), sign])
+        step = np.linalg.solve(jacobian, -_log_ripple(design, reference))[:-1]
+        largest = np.max(np.abs(step[:-1]))
+        design = design + step * min(1.0, 0.7 / largest)
+        if largest < 1e-6:
+            break
+    return design
+
+
+def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
+    """Equal-ripple design of n sections and its reference (2n + 2,), both as in `_log_ripple`."""
+    low, high = _log_edges(w_low)
+    roots, reference = _zolotarev(n, low, high)
+    design = np.append(roots, -np.mean(_log_ripple(np.append(roots, 0.0), reference)))
+    for _ in range(20):
+        design = _equal_ripple(design, reference)
+        grid = between(reference, low, high, 8)
+        peaks = peaks_of(grid, _log_ripple(design, grid))
+        ripple = _log_ripple(design, peaks)
+        kept = alternating(ripple, 2 * n + 2)
+        if len(kept) < 2 * n + 2:
+            break  # nothing but rounding is left
+        reference, ripple = peaks[kept], np.abs(ripple[kept])
+        if np.max(ripple) - np.min(ripple) < 1e-4 * np.max(ripple) + 1e-14:
+            break
+    return design, reference
+
+
+@lru_cache(maxsize=256)
+def _minimax_modes(w_low: float, n: int) -> PinkDesign:
+    """The best low-pass of n sections, with the error of the modes themselves."""
+    design, reference = _minimax_design(w_low, n)
+    e, z, gain = _leaks_and_gain(design)
+    r, d = _partial_fractions(e, z, gain)
+    t = between(reference, *_log_edges(w_low), 16)
+    w = 2 * np.arctan(np.exp(t))
+    error_db = float(_DB * np.max(np.abs(np.log(w * np.abs(_response(e, r, d, w)) ** 2))))
+    for array in (e, r):
+        array.setflags(write=False)
+    return PinkDesign(e, r, d, error_db)
+
+
+def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """1 - pole and 1 - zero of each section, and the gain g of H(z) = g prod (1 - zero/z)/(1 - pole/z)."""
+    root = np.exp(design[:-1] / 2)  # (1 - p)/(1 + p) = sqrt b
+    leaks = 2 * root / (1 + root)
+    e, z = leaks[::2], leaks[1::2]
+    e = np.where(np.abs(1 - e) < 1e-8, 1 - 1e-8, e)  # a pole at zero is a delay, which no mode can be
+    return e, z, float(np.exp(design[-1] / 2) * np.prod((2 - e) / (2 - z)))
+
+
+def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[FloatArray, float]:
+    """Residues and direct gain, r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)), from differences of leaks."""
+    poles, zeros = 1 - e, 1 - z
+    over = e - e[:, None]  # [k, j] = p_k - p_j
+    np.fill_diagonal(over, poles)
+    r = gain * np.prod((z - e[:, None]) / over, axis=1)
+    return r, float(gain * np.prod(zeros / poles))
+
+
+def _response(e: FloatArray, r: FloatArray, d: float, w: FloatArray) -> npt.NDArray[np.complex128]:
+    """H at w rad/sample; exp(iw) - 1 is written so that it keeps its digits at low frequency."""
+    z = np.exp(1j * w)[:, None]
+    z_less_1 = (2j * np.sin(w / 2) * np.exp(0.5j * w))[:, None]
+    return d + np.sum(r * z / (z_less_1 + e), axis=1)
+
+
+def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
+    """Covariance of the states of leaky modes, all driven by one white noise of unit variance, in the steady state.
+
+    Parameters
+    ----------
+    e : array_like, shape (n,)
+        Leaks, 0 < e < 2.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        ``P[i, j] = 1/(e_i + e_j - e_i e_j)``, which is 1/(1 - p_i p_j) for the poles p = 1 - e.
+
+    Examples
+    --------
+    >>> from stimlib.design.pink import stationary_covariance
+    >>> stationary_covariance([0.5, 1.0])
+    array([[1.33333333, 1.        ],
+           [1.        , 1.        ]])
+    """
+    e = np.asarray(e, np.float64)
+    return 1 / (e[:, None] + e - e[:, None] * e)
+
+
+def cholesky(a: npt.ArrayLike) -> FloatArray:
+    """Lower Cholesky factor, in plain loops: the same bits on every machine, which LAPACK does not promise.
+
+    Parameters
+    ----------
+    a : array_like, shape (n, n)
+        Symmetric positive definite; only the lower triangle is read.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Lower triangular L with L L' = a.
+
+    Raises
+    ------
+    BadValue
+        If `a` is not positive definite to working precision.
+
+    Examples
+    --------
+    >>> from stimlib.design.pink import cholesky
+    >>> cholesky([[4.0, 2.0], [2.0, 2.0]])
+    array([[2., 0.],
+           [1., 1.]])
+    """
+    a = np.asarray(a, np.float64)
+    lower = np.zeros_like(a)
+    for i in range(len(a)):
+        for j in range(i + 1):
+            rest = math.fsum([a[i, j], *(-lower[i, :j] * lower[j, :j])])
+            if i > j:
+                lower[i, j] = rest / lower[j, j]
+            elif rest > 0:
+                lower[i, i] = math.sqrt(rest)
+            else:
+                raise BadValue(f"cholesky: the leading {i + 1} x {i + 1} block is not positive definite")
+    return lower

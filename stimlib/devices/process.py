@@ -1,0 +1,128 @@
+"""What all sinks of a process share: signals, memory that stays in place, and an end of the program that fades out first."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import gc
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from ..errors import SinkError
+
+# Real time -----------------------------------------------------------------------------------------------------------
+MCL_CURRENT, MCL_ONFAULT = 1, 4
+
+
+def _lock_memory() -> bool:
+    """Memory stays in place, that of now and what comes; False where that is not permitted."""
+    libc = ctypes.CDLL(None)
+    return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
+
+
+def keep_loaded(library: str) -> None:
+    """A library stays in memory until the process has ended: its threads run on where a device hangs."""
+    ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
+
+
+def begin(thread: threading.Thread) -> threading.Thread:
+    """Start a thread; ``SinkError`` where the system has none left."""
+    try:
+        thread.start()
+    except RuntimeError as e:
+        raise SinkError(f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)") from None
+    return thread
+
+
+def fifo(priority: int = 60) -> bool:
+    """SCHED_FIFO for the calling thread; False where that is not permitted."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError):
+        return False
+    return True
+
+
+# The process, which several sinks may share -----------------------------------------------------------------------------
+ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
+"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that is closed."""
+
+abandoned: list[Any] = []  # memory that a device which never let go may still use
+open_sinks: set[Any] = set()  # a device may call as long as its sink is open, so they are kept
+playing: set[Any] = set()  # from start to close
+_process = threading.RLock()  # for whoever begins or ends to play: signals and memory are the process's
+
+
+def _end(number, frame) -> None:
+    raise SystemExit(128 + number)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def begin_playing(sink: Any) -> list[str]:
+    """Signals end the program like an exception does, so that ``with`` and atexit fade out; old objects are not collected.
+
+    What real time needs and is not permitted here is returned, in words.
+    """
+    with _process:
+        playing.add(sink)
+        if _in_main_thread():
+            for s in ENDS:
+                if signal.getsignal(s) is signal.SIG_DFL:
+                    signal.signal(s, _end)
+        if sink.realtime:
+            gc.collect()
+            gc.freeze()
+            if not _lock_memory():
+                return ["locking memory (ulimit -l)"]
+    return []
+
+
+def end_playing(sink: Any) -> None:
+    """The last one gives back what the first has taken."""
+    with _process:
+        if sink not in playing:
+            return
+        playing.discard(sink)
+        if not playing and _in_main_thread():
+            for s in ENDS:
+                if signal.getsignal(s) is _end:
+                    signal.signal(s, signal.SIG_DFL)
+        if sink.realtime and not any(other.realtime for other in playing):
+            gc.unfreeze()
+            libc = ctypes.CDLL(None)
+            if hasattr(libc, "munlockall"):
+                libc.munlockall()
+
+
+@contextmanager
+def signals_wait() -> Iterator[None]:
+    """Ctrl-C and the like come after what is in here: in the middle of a fade they would make it a click."""
+    if not _in_main_thread():
+        yield
+        return
+    came: list[int] = []
+    kept = {s: h for s in (signal.SIGINT, *ENDS) if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)}
+    for s in kept:
+        signal.signal(s, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for s, handler in kept.items():
+            signal.signal(s, handler)
+        for s in dict.fromkeys(came):
+            signal.raise_signal(s)
+
+
+@atexit.register
+def close_all() -> None:
+    with signals_wait():
+        for sink in list(open_sinks):
+            with suppress(Exception):  # the others are to fade too
+                sink.close()

@@ -1,0 +1,149 @@
+"""Motions and selections as text, as a command line and a sidecar have them.  Nothing in a text is executed."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterable
+from typing import Any
+
+from ..errors import BadValue, shortened
+from .generators import GENERATORS, Motion
+
+MAX_SPEC = 10_000  # characters of a text that is looked at
+
+
+def parse_motion(text: str) -> Motion:
+    """Motion written as a call, such as one typed on a command line.
+
+    Parameters
+    ----------
+    text : str
+        A call of one of ``stimlib.motion.generators``. Arguments are number literals, None, True, False and, where
+        a motion is wanted, another such call.
+
+    Returns
+    -------
+    Motion
+        ``parse_motion(repr(m)) == m`` for every motion m made of these generators.
+
+    Raises
+    ------
+    BadValue
+        When the text is anything else (the message lists the generators), or a generator refuses an argument.
+
+    Examples
+    --------
+    >>> from stimlib.motion.text import parse_motion
+    >>> parse_motion("sinusoid(0.01, 1)")
+    sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
+    >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")([0.0, 0.6]).tolist()
+    [0.0, 0.01]
+    """
+    if not isinstance(text, str):
+        raise BadValue(f"a motion must be given as text, got {shortened(text)}. {_usage()}")
+    if len(text) > MAX_SPEC:
+        raise BadValue(f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        motion = _value(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        if isinstance(error, BadValue):
+            raise
+        raise BadValue(f"cannot read {shortened(text)} as a motion. {_usage()}") from None
+    if not isinstance(motion, Motion):
+        raise BadValue(f"{shortened(text)} is not a motion. {_usage()}")
+    return motion
+
+
+def _value(node: ast.expr) -> Any:
+    """Value of one node of the syntax tree of a motion."""
+    if isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, bool | int | float)):
+        return node.value
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        number = _value(node.operand)
+        if isinstance(number, int | float) and not isinstance(number, bool):
+            return -number if isinstance(node.op, ast.USub) else number
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GENERATORS:
+        generator = GENERATORS[node.func.id]
+        args = [_value(a) for a in node.args]
+        kwargs = {k.arg or "**": _value(k.value) for k in node.keywords}
+        signature = inspect.signature(generator)
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            parameters = ", ".join(str(p.replace(annotation=p.empty)) for p in signature.parameters.values())
+            raise BadValue(f"{node.func.id}({parameters}): {error}") from None
+        return generator(*args, **kwargs)
+    raise BadValue(f"{shortened(ast.unparse(node))} is not understood in a motion. {_usage()}")
+
+
+def _usage() -> str:
+    return f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example minimum_jerk(depth=0.01)"
+
+
+def parse_map(items: Iterable[str]) -> dict[str, str]:
+    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command line.
+
+    Parameters
+    ----------
+    items : iterable of str
+
+    Returns
+    -------
+    dict of str to str
+        ``columns`` of `recording`, which checks the expressions.
+
+    Raises
+    ------
+    BadValue
+        When an item has another form, or an input comes twice.
+
+    Examples
+    --------
+    >>> from stimlib.motion.text import parse_map
+    >>> parse_map(["x=force_N*5e-4", "y = (y_raw - 10)*2e-5"])
+    {'x': 'force_N*5e-4', 'y': '(y_raw - 10)*2e-5'}
+    """
+    return pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
+
+
+def parse_where(text: str) -> dict[str, str]:
+    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a command line.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    dict of str to str
+        ``where`` of `recording`, which compares numbers as numbers.
+
+    Raises
+    ------
+    BadValue
+        When the text has another form, or a column comes twice.
+
+    Examples
+    --------
+    >>> from stimlib.motion.text import parse_where
+    >>> parse_where("grasp=pinch,level=easy,trial=1")
+    {'grasp': 'pinch', 'level': 'easy', 'trial': '1'}
+    """
+    return pairs(text.split(","), "where", "COLUMN=VALUE,COLUMN=VALUE, such as grasp=pinch,trial=1")
+
+
+def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
+    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a name comes twice."""
+    if isinstance(items, str):
+        raise BadValue(f"{what}: give a list of texts, not one text")
+    found: dict[str, str] = {}
+    for item in items:
+        name, _, value = (part.strip() for part in item.partition("="))
+        if not name or not value:
+            raise BadValue(f"{what} {item!r}: write {form}")
+        if name in found:
+            raise BadValue(f"{what}: {name} is given twice, {found[name]!r} and {value!r}")
+        found[name] = value
+    return found
