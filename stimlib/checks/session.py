@@ -32,7 +32,7 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     Parameters
     ----------
     log : SessionLog
-        Of ``stimlib.files.log.read_log``.
+        Of ``stimlib.files.session.read_log``.
     scene : Scene, optional
         What is expected to have been played.
 
