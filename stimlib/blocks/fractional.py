@@ -28,21 +28,22 @@ ONSETS = ("rest", "step")
 
 NAN, PI = math.nan, math.pi
 COEFFICIENTS = soe.DEGREE + 1
-AGAIN = 2.0  # ``cold`` after a contact has ended; 1 before the first
 # scratch: 73 positions, 72 differences, 64 sums, 512 for ``memory``
 DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 
 # Shared by all -------------------------------------------------------------------------------------------------------
-def begin(line, value):
-    """The last nine positions before contact."""
-    for i in range(line.size):
-        line[i] = value
+def origin(step, cold, last, x):
+    """Position that a movement to x starts from: x itself at the first sample, or 0 after a step onset."""
+    return where(cold > 0.0, where(step > 0.0, where(cold == 1.0, 0.0, x), x), last)
 
 
-def clear(a):
-    for i in range(a.size):
-        a[i] = 0.0
+def begin(step, s, x):
+    """Position before the first sample; so were the nine before it."""
+    first = origin(step, s.cold, s.first, x)
+    for i in range(s.line.size):
+        s.line[i] = where(s.cold > 0.0, first, s.line[i])
+    return first
 
 
 def difference(line, x, w):
@@ -87,7 +88,7 @@ class SpringpotState(NamedTuple):
     q: np.ndarray  # modes
     low: np.ndarray  # second words of the slowest
     first: float  # position before contact
-    cold: float  # 1, AGAIN: the next sample in contact starts anew
+    cold: float
 
 
 def rest_state(r: soe.Rates) -> SpringpotState:
@@ -156,6 +157,7 @@ class Springpot(Block):
     tol: float
     horizon: float
     onset: str
+    resettable = True
 
     def check(self):
         check_fields(self)
@@ -187,31 +189,14 @@ class Springpot(Block):
         return WORK + 512
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        first, cold, start = s.first, s.cold, 0
-        for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
-                part, out = x[start : i + 1], y[start : i + 1]
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
-                        begin(s.line, first)
-                        cold = 0.0
-                    difference(s.line, part, w)
-                    if p.alpha == 0.0 or p.alpha == 1.0:
-                        plain(p.alpha, p.fs, first, out, w)
-                    else:
-                        remember(p.e, p.r, p.taps, p.constant, p.scale, s.q, s.low, first, out, w)
-                else:
-                    clear(out)
-                    clear(s.line)
-                    clear(s.q)
-                    clear(s.low)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
-                start = i + 1
-        return SpringpotState(s.line, s.q, s.low, first, cold)
+    def tile(p, s, x, y, w):
+        first = begin(p.step, s, x[0])
+        difference(s.line, x, w)
+        if p.alpha == 0.0 or p.alpha == 1.0:
+            plain(p.alpha, p.fs, first, y, w)
+        else:
+            remember(p.e, p.r, p.taps, p.constant, p.scale, s.q, s.low, first, y, w)
+        return SpringpotState(s.line, s.q, s.low, first, 0.0)
 
     @staticmethod
     def transfer(p, z):
@@ -290,6 +275,7 @@ class SpringpotLive(Block):
     tol: float
     horizon: float
     onset: str
+    resettable = True
 
     def check(self):
         check_fields(self)
@@ -320,38 +306,25 @@ class SpringpotLive(Block):
         return WORK + 512
 
     @staticmethod
-    def tile(p, s, x, order, contact, y, w):
-        first, cold, constant, scale, alpha, start = s.first, s.cold, s.constant, s.scale, s.alpha, 0
+    def tile(p, s, x, order, y, w):
+        first, constant, scale, alpha, start = begin(p.step, s, x[0]), s.constant, s.scale, s.alpha, 0
         for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0) or order[i] != order[i + 1]:
+            if i + 1 == x.size or order[i] != order[i + 1]:
                 part, out = x[start : i + 1], y[start : i + 1]
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
-                        begin(s.line, first)
-                        cold = 0.0
-                    a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
-                    if a != alpha:
-                        alpha = a
-                        constant = reweigh(p, alpha, s.r, s.taps)
-                        scale = power(alpha, p.fs_high, p.fs_rest)
-                    difference(s.line, part, w)
-                    remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
-                    if alpha == 0.0 or alpha == 1.0:
-                        plain(alpha, p.fs, first, out, w)
-                    if a != order[i]:  # outside 0 .. 1, or nan
-                        for k in range(out.size):
-                            out[k] = NAN
-                else:
-                    clear(out)
-                    clear(s.line)
-                    clear(s.q)
-                    clear(s.low)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
+                a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
+                if a != alpha:
+                    alpha = a
+                    constant = reweigh(p, alpha, s.r, s.taps)
+                    scale = power(alpha, p.fs_high, p.fs_rest)
+                difference(s.line, part, w)
+                remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
+                if alpha == 0.0 or alpha == 1.0:
+                    plain(alpha, p.fs, first, out, w)
+                if a != order[i]:  # outside 0 .. 1, or nan
+                    for k in range(out.size):
+                        out[k] = NAN
                 start = i + 1
-        return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, cold)
+        return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, 0.0)
 
 
 # The certificate -----------------------------------------------------------------------------------------------------
@@ -372,6 +345,7 @@ class PathLength(Block):
     y: Block
     contact: Block
     onset: str
+    resettable = True
 
     def check(self):
         if self.onset not in ONSETS:
@@ -381,14 +355,9 @@ class PathLength(Block):
         return PathParams(1.0 if self.onset == "step" else 0.0), PathState(0.0, 0.0, 1.0)
 
     @staticmethod
-    def step(p, s, y, contact):
-        start = where(p.step > 0.0, where(s.cold == 1.0, abs(y), 0.0), 0.0)
-        length = where(s.cold > 0.0, start, s.length + abs(y - s.last))
-        return where(contact > 0.0, length, 0.0), PathState(
-            where(contact > 0.0, length, 0.0),
-            where(contact > 0.0, y, 0.0),
-            where(contact > 0.0, 0.0, where(s.cold == 1.0, 1.0, AGAIN)),
-        )
+    def step(p, s, y):
+        length = s.length + abs(y - origin(p.step, s.cold, s.last, y))
+        return length, PathState(length, y, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
 from ..errors import BadValue
-from .fractional import AGAIN, check_fields, clear, eights, force_unit
+from .fractional import check_fields, eights, force_unit, origin
 
 NAN = math.nan
 POINTS = 100  # of history that are summed
@@ -74,7 +74,7 @@ class Downsampled(Block):
         for i in range(x.size):
             if contact[i] > 0.0:
                 if cold > 0.0:
-                    first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[i]), x[i])
+                    first = origin(p.step, cold, first, x[i])
                     k, cold = 0.0, 0.0
                 if k < most:
                     now = np.int64(k)
@@ -90,7 +90,7 @@ class Downsampled(Block):
             else:
                 y[i], first, k = 0.0, 0.0, 0.0
                 if cold == 0.0:
-                    cold = AGAIN
+                    cold = 2.0
         return DownsampledState(s.past, first, k, cold)
 
 
@@ -119,6 +119,7 @@ class ShortMemory(Block):
     order: float
     horizon: float
     onset: str
+    resettable = True
 
     def check(self):
         check_fields(self)
@@ -139,28 +140,14 @@ class ShortMemory(Block):
         return p.taps.size + 63
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        first, cold, start, h = s.first, s.cold, 0, s.line.size
-        for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
-                n = i + 1 - start
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[start]), x[start])
-                        cold = 0.0
-                    copy(s.line, w)
-                    for k in range(n):
-                        w[h + k] = x[start + k] - first
-                    fir(p.taps, w[: h + n], y[start : i + 1])
-                    copy(w[n : n + h], s.line)
-                else:
-                    clear(y[start : i + 1])
-                    clear(s.line)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
-                start = i + 1
-        return ShortMemoryState(s.line, first, cold)
+    def tile(p, s, x, y, w):
+        first, n, h = origin(p.step, s.cold, s.first, x[0]), x.size, s.line.size
+        copy(s.line, w)
+        for k in range(n):
+            w[h + k] = x[k] - first
+        fir(p.taps, w[: h + n], y)
+        copy(w[n : n + h], s.line)
+        return ShortMemoryState(s.line, first, 0.0)
 
     @staticmethod
     def transfer(p, z):

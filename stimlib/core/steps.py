@@ -179,7 +179,8 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     f = getattr(cls, name)
     if f is None:
         raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(signals(cls))})")
-    wanted = ["p", "s", *signals(cls), *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
+    given_ = signals(cls)[:-1] if cls.resettable else signals(cls)  # type: ignore[attr-defined]
+    wanted = ["p", "s", *given_, *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
 
     def refuse(line: int, why: str) -> None:
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")

@@ -287,23 +287,33 @@ def history(x: Any, contact: Any, step: float, n: int) -> History:
     return History(on, fresh, d, first)
 
 
+def way_of(x: Any, h: History, run: Run) -> Any:
+    """Position from where the contact began, 0 off contact."""
+    return jnp.where(h.on, spread(x, run.n) - h.first, 0.0)
+
+
 def maxwell_arms(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
     if steady(x[1]):
         return bank(p.e, p.r, h.d, run.dtype)
-    return _scan_bank(p.e, p.r, h, run.dtype)
+    a, r = jnp.asarray(1 - p.e, run.dtype), jnp.asarray(p.r, run.dtype)
 
-
-def _scan_bank(e, r, h, dtype):
-    """``bank`` from rest at each contact: a loop over samples."""
-    a, r = jnp.asarray(1 - e, dtype), jnp.asarray(r, dtype)
-
-    def body(q, row):
-        on, fresh, d = row
-        q = jnp.where(on, d + jnp.where(fresh, 0.0, a * q), 0.0)
+    def body(q, d):
+        q = a * q + d
         return q, jnp.sum(r * q)
 
-    return lax.scan(body, jnp.zeros(e.size, dtype), (h.on, h.fresh, h.d.astype(dtype)))[1]
+    return in_contact(body, jnp.zeros(a.size, run.dtype), h.on, h.d.astype(run.dtype))
+
+
+def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
+    """A loop over samples, ``state, y = body(state, *row)``: the state is ``start`` and y is 0 off contact."""
+
+    def sample(s, row):
+        on, *x = row
+        after, y = body(s, *x)
+        return jax.tree.map(lambda a, b: jnp.where(on, a, b), after, start), jnp.where(on, y, 0.0)
+
+    return lax.scan(sample, start, (on, *rows))[1]
 
 
 def kelvin_chain(b, p, s, x, run):
@@ -324,7 +334,7 @@ class HistoryWeights(NamedTuple):
 def springpot(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
     if p.alpha in (0.0, 1.0):
-        return jnp.where(h.on, h.d * p.fs if p.alpha else spread(x[0], run.n) - h.first, 0.0)
+        return h.d * p.fs if p.alpha else way_of(x[0], h, run)
     w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
     return whole_history(p.e, w, h, x[0], run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
 
@@ -368,57 +378,44 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
     a = jnp.asarray(1 - e)
     moving = jnp.ndim(alpha) > 0
 
-    def body(state, row):
+    def body(state, d, order):
         line, q, total = state
-        on, fresh, d, order = row
-        line = jnp.concatenate([jnp.where(fresh, 0.0, line), d[None]])
-        q = jnp.where(fresh, 0.0, a * q) + line[0]
-        total = jnp.where(fresh, 0.0, total) + line[0]
+        line, q, total = jnp.concatenate([line[1:], d[None]]), a * q + line[0], total + line[0]
         w = weigh(order if moving else alpha)
-        y = w.scale * (jnp.sum(w.taps * line[1:]) + w.constant * total + jnp.sum(w.r * q))
-        keep = [jnp.where(on, v, 0.0) for v in (line[1:], q, total)]
-        return (keep[0], keep[1], keep[2]), jnp.where(on, y, 0.0)
+        return (line, q, total), w.scale * (jnp.sum(w.taps * line) + w.constant * total + jnp.sum(w.r * q))
 
-    start = jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())
-    return lax.scan(body, start, (h.on, h.fresh, h.d, spread(alpha, run.n)))[1]
+    return in_contact(body, (jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())), h.on, h.d, spread(alpha, run.n))
 
 
 def series(b, p, s, x, run):
     """A loop over samples: the inner displacement is found at each."""
-    y, on = spread(x[0], run.n), spread(jnp.asarray(x[1]) > 0, run.n)
-    fresh = on & ~later(on, 1, False)
+    h = history(x[0], x[1], 0.0, run.n)
     a = jnp.asarray(1 - p.e)
 
-    def body(state, row):
-        line, q, total, last = state  # movements of the springpot, its modes, its way until 8 samples ago; y and z before
-        on, fresh, y = row
-        line, q, total = (jnp.where(fresh, 0.0, v) for v in (line, q, total))
-        last = jnp.where(fresh, y, last)
+    def body(state, d, way):
+        line, q, total, z = state  # movements of the springpot, its modes, its way until 8 samples ago and now
         q, total = a * q + line[0], total + line[0]
         rest = jnp.sum(p.taps[:7] * line[1:]) + p.constant * total + jnp.sum(p.r * q)
-        u = y - jnp.where(p.dashpot > 0, last[0], last[1])
+        u = d if p.dashpot else way - z
         step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
-        out = (jnp.concatenate([line[1:], step[None]]), q, total, jnp.stack([y, last[1] + step]))
-        f = jnp.where(on, p.pot * (p.newest * step + rest), 0.0)
-        return tuple(jnp.where(on, v, 0.0) for v in out), f
+        return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (p.newest * step + rest)
 
-    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(2)
-    return lax.scan(body, start, (on, fresh, y))[1]
+    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(())
+    return in_contact(body, start, h.on, h.d, way_of(x[0], h, run))
 
 
 def short_memory(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
-    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    z = way_of(x[0], h, run)
     if steady(x[1]):
         return taps_tiles(p.taps[::-1], z)
     taps = jnp.asarray(p.taps)
 
-    def body(line, row):
-        on, fresh, z = row
-        line = jnp.concatenate([jnp.where(fresh, 0.0, line), z[None]])
-        return jnp.where(on, line[1:], 0.0), jnp.where(on, jnp.sum(taps * line), 0.0)
+    def body(line, z):
+        line = jnp.concatenate([line[1:], z[None]])
+        return line, jnp.sum(taps * line)
 
-    return lax.scan(body, jnp.zeros(p.taps.size - 1), (h.on, h.fresh, z))[1]
+    return in_contact(body, jnp.zeros(p.taps.size), h.on, z)
 
 
 def downsampled(b, p, s, x, run):
@@ -426,7 +423,7 @@ def downsampled(b, p, s, x, run):
     h = history(x[0], x[1], p.step, run.n)
     i = jnp.arange(run.n)
     k = i - latest(h.fresh)
-    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    z = way_of(x[0], h, run)
     m = jnp.maximum((k + thesis.POINTS - 1) // thesis.POINTS, 1)
 
     def body(total, jw):
