@@ -24,7 +24,7 @@ from ..errors import BadValue, UnitError
 from .table import Table, TableParams
 
 METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")
-ONSETS = ("rest", "step")
+ONSETS = {"rest": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
 
 NAN, PI = math.nan, math.pi
 COEFFICIENTS = soe.DEGREE + 1
@@ -33,14 +33,14 @@ DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 
 # Shared by all -------------------------------------------------------------------------------------------------------
-def origin(step, cold, last, x):
-    """Position that a movement to x starts from: x itself at the first sample, or 0 after a step onset."""
-    return where(cold > 0.0, where(step > 0.0, where(cold == 1.0, 0.0, x), x), last)
+def origin(cold, last, x):
+    """Position before x: at the first sample x itself, or 0 if the onset is a step."""
+    return where(cold > 0.0, where(cold > 1.0, 0.0, x), last)
 
 
-def begin(step, s, x):
-    """Position before the first sample; so were the nine before it."""
-    first = origin(step, s.cold, s.first, x)
+def begin(s, x):
+    """Position before contact; at the first sample the last nine are set to it."""
+    first = origin(s.cold, s.first, x)
     for i in range(s.line.size):
         s.line[i] = where(s.cold > 0.0, first, s.line[i])
     return first
@@ -80,7 +80,6 @@ class SpringpotParams(NamedTuple):
     scale: float  # fs^alpha
     alpha: float
     fs: float
-    step: float  # 1: a step from 0 at first contact
 
 
 class SpringpotState(NamedTuple):
@@ -91,8 +90,8 @@ class SpringpotState(NamedTuple):
     cold: float
 
 
-def rest_state(r: soe.Rates) -> SpringpotState:
-    return SpringpotState(np.zeros(9), np.zeros(eights(r.s.size)), np.zeros(eights(r.fine)), 0.0, 1.0)
+def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
+    return SpringpotState(np.zeros(9), np.zeros(eights(modes)), np.zeros(eights(fine)), 0.0, ONSETS[onset])
 
 
 def eights(n: int) -> int:
@@ -166,20 +165,15 @@ class Springpot(Block):
         return force_unit("springpot", u[0])
 
     def design(self, fs):
-        step = 1.0 if self.onset == "step" else 0.0
         if self.order in (0.0, 1.0):
             none = np.zeros(0)
-            return (
-                SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs, step),
-                SpringpotState(np.zeros(9), none, none, 0.0, 1.0),
-            )
+            return SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs), first_state(self.onset)
         rates = soe.rates(self.tol, self.horizon * fs)
         w = soe.weights(rates, self.scheme, self.order)
         e = leaks(rates)
-        p = SpringpotParams(
-            e, _padded(w.modes, e.size), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step
-        )
-        return p, rest_state(rates)
+        r, taps = _padded(w.modes, e.size), w.taps[::-1].copy()
+        p = SpringpotParams(e, r, taps, w.constant, math.pow(fs, self.order), self.order, fs)
+        return p, first_state(self.onset, rates.s.size, rates.fine)
 
     def laws(self, fs):
         return (responses.springpot(self.order, self.scheme, self.tol, self.horizon, fs),)
@@ -190,7 +184,7 @@ class Springpot(Block):
 
     @staticmethod
     def tile(p, s, x, y, w):
-        first = begin(p.step, s, x[0])
+        first = begin(s, x[0])
         difference(s.line, x, w)
         if p.alpha == 0.0 or p.alpha == 1.0:
             plain(p.alpha, p.fs, first, y, w)
@@ -214,7 +208,6 @@ class LiveParams(NamedTuple):
     fs_high: float  # log(fs) in two words
     fs_rest: float
     fs: float
-    step: float
 
 
 class LiveState(NamedTuple):
@@ -294,12 +287,10 @@ class SpringpotLive(Block):
         live = soe.live(rates, self.scheme)
         e, (high, rest) = leaks(rates), soe.two_words(fs)
         n = e.size + 1
-        p = LiveParams(
-            e, _padded(live.a, n), _padded(live.high, n), _padded(live.low, n), live.poly, float(len(rates.x)), high, rest, fs,
-            1.0 if self.onset == "step" else 0.0,
-        )  # fmt: skip
-        s = rest_state(rates)
-        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, 0.0, 1.0)
+        a, longs, shorts = (_padded(v, n) for v in (live.a, live.high, live.low))
+        p = LiveParams(e, a, longs, shorts, live.poly, float(len(rates.x)), high, rest, fs)
+        s = first_state(self.onset, rates.s.size, rates.fine)
+        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, s.first, s.cold)
 
     @staticmethod
     def work(p):
@@ -307,7 +298,7 @@ class SpringpotLive(Block):
 
     @staticmethod
     def tile(p, s, x, order, y, w):
-        first, constant, scale, alpha, start = begin(p.step, s, x[0]), s.constant, s.scale, s.alpha, 0
+        first, constant, scale, alpha, start = begin(s, x[0]), s.constant, s.scale, s.alpha, 0
         for i in range(x.size):
             if i + 1 == x.size or order[i] != order[i + 1]:
                 part, out = x[start : i + 1], y[start : i + 1]
@@ -328,10 +319,6 @@ class SpringpotLive(Block):
 
 
 # The certificate -----------------------------------------------------------------------------------------------------
-class PathParams(NamedTuple):
-    step: float
-
-
 class PathState(NamedTuple):
     length: float
     last: float
@@ -352,11 +339,11 @@ class PathLength(Block):
             raise BadValue(f"path length: onset = {self.onset!r}; choose one of {', '.join(ONSETS)}")
 
     def design(self, fs):
-        return PathParams(1.0 if self.onset == "step" else 0.0), PathState(0.0, 0.0, 1.0)
+        return (), PathState(0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
     def step(p, s, y):
-        length = s.length + abs(y - origin(p.step, s.cold, s.last, y))
+        length = s.length + abs(y - origin(s.cold, s.last, y))
         return length, PathState(length, y, 0.0)
 
 

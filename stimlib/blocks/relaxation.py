@@ -25,7 +25,7 @@ import numpy as np
 
 from ..core import units as un
 from ..core.graph import Block, Const, as_block, constant
-from ..core.maths import copy, fma, memory, where
+from ..core.maths import copy, fma, memory
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
@@ -95,7 +95,6 @@ def _check_lists(b: Any, values: np.ndarray, name: str) -> None:
 class ArmsParams(NamedTuple):
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # k g; padded with zeros
-    step: float  # 1: a step from 0 at first contact
 
 
 class ArmsState(NamedTuple):
@@ -125,7 +124,7 @@ class MaxwellArms(Block):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
         e = _eights([v.e for v in s], 1.0)
         r = _eights([k * v.g for k, v in zip(self.k.tolist(), s, strict=True)], 0.0)
-        return ArmsParams(e, r, 1.0 if self.onset == "step" else 0.0), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, 1.0)
+        return ArmsParams(e, r), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, ONSETS[self.onset])
 
     def laws(self, fs):
         return (responses.arms(self.k, self.tau),)
@@ -136,7 +135,7 @@ class MaxwellArms(Block):
 
     @staticmethod
     def tile(p, s, x, y, w):
-        d, last = w[SCRATCH : SCRATCH + x.size], origin(p.step, s.cold, s.last, x[0])
+        d, last = w[SCRATCH : SCRATCH + x.size], origin(s.cold, s.last, x[0])
         for j in range(x.size):
             d[j] = x[j] - last
             last = x[j]

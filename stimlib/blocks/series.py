@@ -84,7 +84,7 @@ class Series(Block):
 
     @staticmethod
     def tile(p, s, x, y, w):
-        first, last = begin(0.0, s, x[0]), where(s.cold > 0.0, x[0], s.last)
+        first, last = begin(s, x[0]), where(s.cold > 0.0, x[0], s.last)
         d, near, far = w[DIFFERENCES : DIFFERENCES + 9], w[0:1], w[1:2]
         for i in range(x.size):
             for j in range(8):

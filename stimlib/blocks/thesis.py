@@ -12,7 +12,7 @@ from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
 from ..errors import BadValue
-from .fractional import check_fields, eights, force_unit, origin
+from .fractional import ONSETS, check_fields, eights, force_unit, origin
 
 NAN = math.nan
 POINTS = 100  # of history that are summed
@@ -28,7 +28,6 @@ class DownsampledParams(NamedTuple):
     weights: np.ndarray
     scale: float
     alpha: float
-    step: float
 
 
 class DownsampledState(NamedTuple):
@@ -61,10 +60,8 @@ class Downsampled(Block):
                 f"springpot: gl-downsampled keeps the whole history, {n} samples for horizon = {self.horizon:g} s at {fs:g} Hz; "
                 f"give the longest contact as horizon, at most {LONGEST / fs:.6g}"
             )
-        p = DownsampledParams(
-            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order, 1.0 if self.onset == "step" else 0.0
-        )
-        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, 1.0)
+        p = DownsampledParams(binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order)
+        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
     def tile(p, s, x, contact, y):
@@ -73,9 +70,7 @@ class Downsampled(Block):
         first, cold = s.first, s.cold
         for i in range(x.size):
             if contact[i] > 0.0:
-                if cold > 0.0:
-                    first = origin(p.step, cold, first, x[i])
-                    k, cold = 0.0, 0.0
+                first, k, cold = origin(cold, first, x[i]), where(cold > 0.0, 0.0, k), 0.0
                 if k < most:
                     now = np.int64(k)
                     s.past[now] = x[i] - first
@@ -88,9 +83,7 @@ class Downsampled(Block):
                 else:
                     y[i] = NAN
             else:
-                y[i], first, k = 0.0, 0.0, 0.0
-                if cold == 0.0:
-                    cold = 2.0
+                y[i], first, k, cold = 0.0, 0.0, 0.0, where(cold > 0.0, cold, 1.0)
         return DownsampledState(s.past, first, k, cold)
 
 
@@ -101,7 +94,6 @@ def float_of(n):
 
 class ShortMemoryParams(NamedTuple):
     taps: np.ndarray  # oldest first, zeros in front
-    step: float
 
 
 class ShortMemoryState(NamedTuple):
@@ -130,7 +122,7 @@ class ShortMemory(Block):
     def design(self, fs):
         n = eights(POINTS)
         taps = np.concatenate([np.zeros(n - POINTS), math.pow(fs, self.order) * binomials(self.order, POINTS)[::-1]])
-        return ShortMemoryParams(taps, 1.0 if self.onset == "step" else 0.0), ShortMemoryState(np.zeros(n - 1), 0.0, 1.0)
+        return ShortMemoryParams(taps), ShortMemoryState(np.zeros(n - 1), 0.0, ONSETS[self.onset])
 
     def laws(self, fs):
         return (responses.short_memory(self.order, fs),)
@@ -141,7 +133,7 @@ class ShortMemory(Block):
 
     @staticmethod
     def tile(p, s, x, y, w):
-        first, n, h = origin(p.step, s.cold, s.first, x[0]), x.size, s.line.size
+        first, n, h = origin(s.cold, s.first, x[0]), x.size, s.line.size
         copy(s.line, w)
         for k in range(n):
             w[h + k] = x[k] - first

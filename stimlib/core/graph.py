@@ -47,8 +47,8 @@ class Block(Refusals):
     p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
 
     A ``resettable`` class runs where its last signal, ``contact``, is above 0; elsewhere its output is 0 and its state that of
-    ``design``.  Step and tile do not get this signal.  The state ends with ``cold``: 1 before the first sample, 2 after a reset;
-    step and tile make it 0.
+    ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, and 1 after
+    contact; step and tile make it 0.
     """
 
     abstract: ClassVar[bool] = True
@@ -739,7 +739,7 @@ def pack(s: Any) -> np.ndarray:
 
 def at_rest(s: Any) -> Any:
     """The state of a resettable block off contact, from the one of its design."""
-    return unpack(s, pack(s))._replace(cold=np.float64(2.0))
+    return unpack(s, pack(s))._replace(cold=np.float64(1.0))
 
 
 def unpack(s: Any, w: np.ndarray) -> Any:

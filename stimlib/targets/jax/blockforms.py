@@ -267,33 +267,27 @@ class History(NamedTuple):
     """A position since contact."""
 
     on: Any  # in contact
-    fresh: Any  # first sample of a contact
+    start: Any  # where this contact began
     d: Any  # movement in this sample, 0 off contact
-    first: Any  # position before contact
+    way: Any  # movement since contact, 0 off contact
 
 
-def history(x: Any, contact: Any, step: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``step`` says so."""
+def history(x: Any, contact: Any, cold: float, n: int) -> History:
+    """Movements since contact; a step from 0 at the very first contact where ``cold``, before it, is above 1."""
     x = spread(x, n)
     if steady(contact):
-        first = jnp.where(step > 0, 0.0, x[0])
-        return History(jnp.ones(n, bool), jnp.arange(n) == 0, x - later(x, 1, first), spread(first, n))
+        first = jnp.where(cold > 1, 0.0, x[0])
+        return History(jnp.ones(n, bool), jnp.zeros(n, int), x - later(x, 1, first), x - first)
     on = spread(jnp.asarray(contact) > 0, n)
     fresh = on & ~later(on, 1, False)
     start = latest(fresh)
-    very_first = start == jnp.argmax(fresh)
-    first = jnp.where(on, jnp.where(very_first & (step > 0), 0.0, x[start]), 0.0)
+    first = jnp.where((start == jnp.argmax(fresh)) & (cold > 1), 0.0, x[start])
     d = jnp.where(on, x - jnp.where(fresh, first, later(x, 1)), 0.0)
-    return History(on, fresh, d, first)
-
-
-def way_of(x: Any, h: History, run: Run) -> Any:
-    """Position from where the contact began, 0 off contact."""
-    return jnp.where(h.on, spread(x, run.n) - h.first, 0.0)
+    return History(on, start, d, jnp.where(on, x - first, 0.0))
 
 
 def maxwell_arms(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return bank(p.e, p.r, h.d, run.dtype)
     a, r = jnp.asarray(1 - p.e, run.dtype), jnp.asarray(p.r, run.dtype)
@@ -332,30 +326,29 @@ class HistoryWeights(NamedTuple):
 
 
 def springpot(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     if p.alpha in (0.0, 1.0):
-        return h.d * p.fs if p.alpha else way_of(x[0], h, run)
+        return h.d * p.fs if p.alpha else h.way
     w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
-    return whole_history(p.e, w, h, x[0], run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
+    return whole_history(p.e, w, h, run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
 
 
-def whole_history(e: np.ndarray, w: HistoryWeights, h: History, x: Any, run: Run) -> Any:
+def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
     """Sum over all movements: eight taps, and the modes eight samples later."""
     near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
-    constant = w.constant * later(spread(x, run.n) - h.first, 8)
-    return w.scale * (near + constant + bank(e, w.r, later(h.d, 8), run.dtype))
+    return w.scale * (near + w.constant * later(h.way, 8) + bank(e, w.r, later(h.d, 8), run.dtype))
 
 
 def springpot_live(b, p, s, x, run):
     """The modes do not depend on the order; their weights do."""
     alpha = jnp.asarray(x[1])
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
-    h = history(x[0], x[2], p.step, run.n)
+    h = history(x[0], x[2], s.cold, run.n)
     if steady(x[2]) and not jnp.ndim(alpha):
-        y = whole_history(p.e, weights(p, alpha), h, x[0], run)
+        y = whole_history(p.e, weights(p, alpha), h, run)
     else:
         y = _scan_history(p.e, lambda a: weights(p, a), alpha, h, run)
-    ends = jnp.where(alpha > 0.5, h.d * p.fs, spread(x[0], run.n) - h.first)
+    ends = jnp.where(alpha > 0.5, h.d * p.fs, h.way)
     exact = jnp.where((alpha == 0) | (alpha == 1), ends, y)
     y = y + lax.stop_gradient(exact - y)  # the order's derivative is that of the sum, also at 0 and 1
     return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
@@ -389,7 +382,7 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
 
 def series(b, p, s, x, run):
     """A loop over samples: the inner displacement is found at each."""
-    h = history(x[0], x[1], 0.0, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     a = jnp.asarray(1 - p.e)
 
     def body(state, d, way):
@@ -401,35 +394,33 @@ def series(b, p, s, x, run):
         return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (p.newest * step + rest)
 
     start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(())
-    return in_contact(body, start, h.on, h.d, way_of(x[0], h, run))
+    return in_contact(body, start, h.on, h.d, h.way)
 
 
 def short_memory(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
-    z = way_of(x[0], h, run)
+    h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
-        return taps_tiles(p.taps[::-1], z)
+        return taps_tiles(p.taps[::-1], h.way)
     taps = jnp.asarray(p.taps)
 
     def body(line, z):
-        line = jnp.concatenate([line[1:], z[None]])
-        return line, jnp.sum(taps * line)
+        line = jnp.concatenate([line, z[None]])
+        return line[1:], jnp.sum(taps * line)
 
-    return in_contact(body, jnp.zeros(p.taps.size), h.on, z)
+    return in_contact(body, jnp.zeros(p.taps.size - 1), h.on, h.way)
 
 
 def downsampled(b, p, s, x, run):
     """Every m-th sample back to contact, one weight at a time."""
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     i = jnp.arange(run.n)
-    k = i - latest(h.fresh)
-    z = way_of(x[0], h, run)
+    k = i - h.start
     m = jnp.maximum((k + thesis.POINTS - 1) // thesis.POINTS, 1)
 
     def body(total, jw):
         j, w = jw
         inside = j * m <= k
-        return total + jnp.where(inside, w * z[jnp.where(inside, i - j * m, 0)], 0.0), None
+        return total + jnp.where(inside, w * h.way[jnp.where(inside, i - j * m, 0)], 0.0), None
 
     total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[0]
     y = p.scale * jnp.exp(-p.alpha * jnp.log(m.astype(jnp.float64))) * total

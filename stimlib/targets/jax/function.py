@@ -320,6 +320,6 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
     contact: tuple = ()
     if b.resettable and not steady(x[-1]):
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
-        contact = on, jnp.where(latest(on) < 0, 1.0, 2.0)
+        contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]
     return y if jnp.ndim(y) or not len(s) else spread(y, run.n)

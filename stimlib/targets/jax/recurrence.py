@@ -81,9 +81,8 @@ def _resettable(f: Callable, first: Any) -> Callable:
     """A step that rests where the last but one of its signals is not True; the last one is what ``cold`` then is."""
 
     def step(p, s, *x):
-        *x, on, cold = x
-        y, after = f(p, s, *x)
-        rest = first._replace(cold=cold)
+        y, after = f(p, s, *x[:-2])
+        on, rest = x[-2], first._replace(cold=x[-1])
         return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
 
     return step

@@ -189,8 +189,6 @@ class Engine:
                 assert f is not None, f"{cls.__name__} has neither step nor tile"
                 inputs = [arg(a, q.clock) for a in q.args]
                 contact = [inputs.pop()] if cls.resettable else []
-                if contact and instances[q.args[-1]].kind == "const" and instances[q.args[-1]].block.value > 0:  # type: ignore[attr-defined]
-                    contact = []  # always there
                 segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), len(inputs))
                 self.segments[i] = segment.__name__
                 w = [*inputs, place(i)]

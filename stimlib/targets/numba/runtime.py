@@ -29,8 +29,10 @@ def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
 @njit(error_model="numpy", inline="always")
 def stretches(P, S, W, w, k):  # w = (contact, output, state at rest in P, its words, segment, the segment's own ..)
     by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[3] - 1)
-    start = 0
+    start, n = 0, 0
     for i in range(k):
+        n += by[i] > 0.0
+    for i in range(k - 1 if n == 0 or n == k else 0, k):
         on = by[i] > 0.0
         if i + 1 == k or on != (by[i + 1] > 0.0):
             if on:
