@@ -1,8 +1,8 @@
 """How the primitives run over whole signals under JAX: banks of modes and taps as products with small matrices.
 
 ``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s come from ``design``, x are arrays (n,) or
-scalars (the same at all samples), and y is one or the other.  A class without one runs its step, see ``recurrence``.  Blocks of
-others join with ``LOWERINGS[MyBlock] = my_function``.
+scalars (the same at all samples), contact last for a resettable block, and y is one or the other.  A class without one runs its
+step, see ``recurrence``.  Blocks of others join with ``LOWERINGS[MyBlock] = my_function``.
 """
 
 from __future__ import annotations
