@@ -1,5 +1,6 @@
 """The laws that every block keeps, whoever wrote it; see design.md.  The table of blocks is ``contract.py``."""
 
+import dataclasses as dc
 import os
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from scipy.interpolate import CubicSpline
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib import blocks as b
-from stimlib.core.graph import Enabled
+from stimlib.core.graph import Enabled, reach, registry, signals
 from stimlib.design import responses
 from stimlib.errors import BadValue
 
@@ -285,6 +286,30 @@ def test_law_7_the_rate_of_samples_is_not_part_of_the_physics(rates):
         got.append([CubicSpline(n / fs, row)(t + s) for s, row in zip(late, y, strict=True)])
     for one, other, tol in zip(*got, (2e-3, 1e-5, 1e-4), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=tol * np.abs(one).max())
+
+
+# Contact -------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("name", sorted(n for n, c in registry.items() if c.resettable and c.__module__.startswith("stimlib.")))
+def test_each_contact_is_a_run_of_its_own(name, target):
+    entry = next(e for e in TABLE if e.cls == name)
+    found = next(q for q in reach([entry.block()]) if type(q).__name__ == name)
+    names = signals(type(found))
+    inputs = {s: Input(s, str(getattr(found, s).dim).replace("1", "")) for s in names}
+    block = dc.replace(found, **inputs, **({"onset": "rest"} if hasattr(found, "onset") else {}))
+    proc = stimlib.compile(Scene({"y": block}), entry.rates[0], target)
+    rng = np.random.default_rng(8)
+    lengths = [9, 1, 1, 40, 2, 20, 3, 1, 30, 100, 64]  # off contact, in contact, ..
+    touch = np.repeat(np.arange(len(lengths)) % 2, lengths)
+    n, ends = touch.size, np.cumsum(lengths)
+    drive = {s: rng.uniform(0.1, 0.9, n) for s in names} | {names[0]: np.cumsum(rng.standard_normal(n))}
+    drive = {s: np.where(touch, v, np.nan) for s, v in drive.items()} | {names[-1]: touch}  # nobody looks at it off contact
+    x = rows(proc, np.array([drive[s] for s in names]), names)
+    y = run(proc, x, random_cuts(n, rng))
+    assert proc.fault is None and y.any() and not y[0, touch == 0].any()
+    for start, stop in zip(ends[:-1:2], ends[1::2], strict=True):
+        proc.reset()
+        assert_same(proc.process(np.ascontiguousarray(x[:, start:stop])), y[:, start:stop], f"contact from {start} to {stop}")
 
 
 # 8 -------------------------------------------------------------------------------------------------------------------

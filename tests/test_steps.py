@@ -393,6 +393,7 @@ def own(**members):
         ({"step": staticmethod(low), "design": no_design}, None, "and returned None"),
         ({"step": staticmethod(low), "design": text_in_design}, "text", "Mine.design: parameters 'gain' is a str; floats"),
         ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
+        ({"step": staticmethod(few), "resettable": True}, "few", "a resettable block has a signal that resets it, the last one"),
         ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
     ],
 )  # fmt: skip

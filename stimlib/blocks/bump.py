@@ -81,18 +81,12 @@ def began(p, last, cold, u):
     return where(p.area > 0.0, where(cold > 0.0, u, last), u)
 
 
-def lifted(contact):
-    """1 after a sample off contact."""
-    return where(contact > 0.0, 0.0, 1.0)
-
-
-def regular(duty, contact):
-    """(samples in contact, samples in contact that have the first one's duty)."""
-    n, m = NONE, NONE
-    for i in range(contact.size):
-        n = n + where(contact[i] > 0.0, ONE, NONE)
-        m = m + where(contact[i] > 0.0, where(duty[i] == duty[0], ONE, NONE), NONE)
-    return n, m
+def regular(duty):
+    """Samples that have the first one's duty."""
+    n = NONE
+    for i in range(duty.size):
+        n = n + where(duty[i] == duty[0], ONE, NONE)
+    return n
 
 
 def cells(first, u, d, k, w):
@@ -107,7 +101,7 @@ def cells(first, u, d, k, w):
 
 class BumpState(NamedTuple):
     last: float
-    cold: float  # 1: the next sample is the first
+    cold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +109,14 @@ class Bump(Block, abstract=True):
     """The mean of a unipolar envelope e(u) of period 1 over u[n-1] .. u[n].
 
     e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the groove.  Each tile has a fast way for
-    what is usual, one duty and steady contact, and within it for tiles on one ridge or in one groove.
+    what is usual, one duty, and within it for tiles on one ridge or in one groove.
     """
 
     u: Block
     duty: Block
     contact: Block
     sampling: str
+    resettable = True
 
     def check(self):
         if self.sampling not in SAMPLINGS:
@@ -165,12 +160,12 @@ def linear(p, d, r, k0, w0, k1, w1, du):
     return average(k0, w0, k1, w1, du, d, a, b, linear_mean(p, a, b), p.whole)
 
 
-def linear_sample(p, last, cold, u, duty, contact):
+def linear_sample(p, last, cold, u, duty):
     """One sample, whatever happens."""
     u0, d = began(p, last, cold, u), held_duty(duty)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
-    return where(contact > 0.0, linear(p, d, 1.0 / d, k0, w0, k1, w1, u - u0), 0.0)
+    return linear(p, d, 1.0 / d, k0, w0, k1, w1, u - u0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,20 +183,17 @@ class LinearBump(Bump):
         return 130
 
     @staticmethod
-    def step(p, s, u, duty, contact):
-        return linear_sample(p, s.last, s.cold, u, duty, contact), BumpState(u, lifted(contact))
+    def step(p, s, u, duty):
+        return linear_sample(p, s.last, s.cold, u, duty), BumpState(u, 0.0)
 
     @staticmethod
-    def tile(p, s, u, duty, contact, y, w):
+    def tile(p, s, u, duty, y, w):
         n, all_of = y.size - 1, U(y.size)
-        before, gone, v, now, touch, out = u[:n], contact[:n], u[1:], duty[1:], contact[1:], y[1:]
-        touching, usual = regular(duty, contact)
-        if touching == NONE:
-            y[:] = 0.0
-        elif usual < all_of:
-            y[0] = linear_sample(p, s.last, s.cold, u[0], duty[0], contact[0])
+        before, v, now, out = u[:n], u[1:], duty[1:], y[1:]
+        if regular(duty) < all_of:
+            y[0] = linear_sample(p, s.last, s.cold, u[0], duty[0])
             for i in range(n):
-                out[i] = linear_sample(p, before[i], lifted(gone[i]), v[i], now[i], touch[i])
+                out[i] = linear_sample(p, before[i], 0.0, v[i], now[i])
         else:
             d = held_duty(duty[0])
             r, first = 1.0 / d, began(p, s.last, s.cold, u[0])
@@ -222,7 +214,7 @@ class LinearBump(Bump):
                 k2, z2 = k[2:], z[2:]
                 for i in range(n):
                     out[i] = linear(p, d, r, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
-        return BumpState(u[n], lifted(contact[n]))
+        return BumpState(u[n], 0.0)
 
 
 class SineParams(NamedTuple):
@@ -265,12 +257,12 @@ def sine(q, k0, w0, k1, w1, du):
     return average(k0, w0, k1, w1, du, q.d, a, b, sine_mean(q, a, b), q.whole)
 
 
-def sine_sample(p, last, cold, u, duty, contact):
+def sine_sample(p, last, cold, u, duty):
     """One sample, whatever happens."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
-    return where(contact > 0.0, sine(sine_shape(p, duty), k0, w0, k1, w1, u - u0), 0.0)
+    return sine(sine_shape(p, duty), k0, w0, k1, w1, u - u0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,20 +282,17 @@ class SineBump(Bump):
         return 130
 
     @staticmethod
-    def step(p, s, u, duty, contact):
-        return sine_sample(p, s.last, s.cold, u, duty, contact), BumpState(u, lifted(contact))
+    def step(p, s, u, duty):
+        return sine_sample(p, s.last, s.cold, u, duty), BumpState(u, 0.0)
 
     @staticmethod
-    def tile(p, s, u, duty, contact, y, w):
+    def tile(p, s, u, duty, y, w):
         n, all_of = y.size - 1, U(y.size)
-        before, gone, v, now, touch, out = u[:n], contact[:n], u[1:], duty[1:], contact[1:], y[1:]
-        touching, usual = regular(duty, contact)
-        if touching == NONE:
-            y[:] = 0.0
-        elif usual < all_of:
-            y[0] = sine_sample(p, s.last, s.cold, u[0], duty[0], contact[0])
+        before, v, now, out = u[:n], u[1:], duty[1:], y[1:]
+        if regular(duty) < all_of:
+            y[0] = sine_sample(p, s.last, s.cold, u[0], duty[0])
             for i in range(n):
-                out[i] = sine_sample(p, before[i], lifted(gone[i]), v[i], now[i], touch[i])
+                out[i] = sine_sample(p, before[i], 0.0, v[i], now[i])
         else:
             q, first = sine_shape(p, duty[0]), began(p, s.last, s.cold, u[0])
             k, z = w[:65], w[65:]
@@ -323,7 +312,7 @@ class SineBump(Bump):
                 k2, z2 = k[2:], z[2:]
                 for i in range(n):
                     out[i] = sine(q, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
-        return BumpState(u[n], lifted(contact[n]))
+        return BumpState(u[n], 0.0)
 
 
 class TableBumpParams(NamedTuple):
@@ -377,13 +366,13 @@ class TableBump(Bump):
         return TableBumpParams(self.area, v, sums, float(v.size - 1), sums[-1] / (v.size - 1)), BumpState(0.0, 1.0)
 
     @staticmethod
-    def step(p, s, u, duty, contact):
+    def step(p, s, u, duty):
         u0, d = began(p, s.last, s.cold, u), held_duty(duty)
         k0, w0 = cell(u0)
         k1, w1 = cell(u)
         a, b = on_ridge(w0, d, 1.0 / d), on_ridge(w1, d, 1.0 / d)
         y = average(k0, w0, k1, w1, u - u0, d, a, b, table_mean(p, a, b), p.whole)
-        return where(contact > 0.0, y, 0.0), BumpState(u, lifted(contact))
+        return y, BumpState(u, 0.0)
 
 
 def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) -> Block:

@@ -23,23 +23,23 @@ HEADROOM = ("clip", "scale")
 
 class MidpointState(NamedTuple):
     last: float
-    cold: float  # 1: the next sample is the first
+    cold: float
 
 
 @dataclass(frozen=True, eq=False)
 class Midpoint(Block):
-    """(x[n-1] + x[n])/2;  x[n] at the first sample and at re-contact;  0 off contact."""
+    """(x[n-1] + x[n])/2;  x[n] at the first sample."""
 
     x: Block
     contact: Block
+    resettable = True
 
     def design(self, fs):
         return (), MidpointState(0.0, 1.0)
 
     @staticmethod
-    def step(p, s, x, contact):
-        y = where(s.cold > 0.0, x, 0.5 * (s.last + x))
-        return where(contact > 0.0, y, 0.0), MidpointState(x, where(contact > 0.0, 0.0, 1.0))
+    def step(p, s, x):
+        return where(s.cold > 0.0, x, 0.5 * (s.last + x)), MidpointState(x, 0.0)
 
     def delay(self, p):
         return 0.5

@@ -25,25 +25,26 @@ from ..errors import BadValue, UnitError
 from .table import Table, TableParams
 
 METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")
-ONSETS = ("rest", "step")
+ONSETS = {"rest": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
 
 NAN, PI = math.nan, math.pi
 COEFFICIENTS = soe.DEGREE + 1
-AGAIN = 2.0  # ``cold`` after a contact has ended; 1 before the first
 # scratch: 73 positions, 72 differences, 64 sums, 512 for ``memory``
 DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 
 # Shared by all -------------------------------------------------------------------------------------------------------
-def begin(line, value):
-    """The last nine positions before contact."""
-    for i in range(line.size):
-        line[i] = value
+def origin(cold, last, x):
+    """Position before x: at the first sample x itself, or 0 if the onset is a step."""
+    return where(cold > 0.0, where(cold > 1.0, 0.0, x), last)
 
 
-def clear(a):
-    for i in range(a.size):
-        a[i] = 0.0
+def begin(s, x):
+    """Position before contact; at the first sample the last nine are set to it."""
+    first = origin(s.cold, s.first, x)
+    for i in range(s.line.size):
+        s.line[i] = where(s.cold > 0.0, first, s.line[i])
+    return first
 
 
 def difference(line, x, w):
@@ -80,7 +81,6 @@ class SpringpotParams(NamedTuple):
     scale: float  # fs^alpha
     alpha: float
     fs: float
-    step: float  # 1: a step from 0 at first contact
 
 
 class SpringpotState(NamedTuple):
@@ -88,11 +88,11 @@ class SpringpotState(NamedTuple):
     q: np.ndarray  # modes
     low: np.ndarray  # second words of the slowest
     first: float  # position before contact
-    cold: float  # 1, AGAIN: the next sample in contact starts anew
+    cold: float
 
 
-def rest_state(r: soe.Rates) -> SpringpotState:
-    return SpringpotState(np.zeros(9), np.zeros(eights(r.s.size)), np.zeros(eights(r.fine)), 0.0, 1.0)
+def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
+    return SpringpotState(np.zeros(9), np.zeros(eights(modes)), np.zeros(eights(fine)), 0.0, ONSETS[onset])
 
 
 def leaks(r: soe.Rates) -> np.ndarray:
@@ -149,6 +149,7 @@ class Springpot(Block):
     tol: float
     horizon: float
     onset: str
+    resettable = True
 
     def check(self):
         check_fields(self)
@@ -157,18 +158,14 @@ class Springpot(Block):
         return force_unit("springpot", u[0])
 
     def design(self, fs):
-        step = 1.0 if self.onset == "step" else 0.0
         if self.order in (0.0, 1.0):
             none = np.zeros(0)
-            return (
-                SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs, step),
-                SpringpotState(np.zeros(9), none, none, 0.0, 1.0),
-            )
+            return SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs), first_state(self.onset)
         rates = soe.rates(self.tol, self.horizon * fs)
         w = soe.weights(rates, self.scheme, self.order)
         e = leaks(rates)
-        p = SpringpotParams(e, padded(w.modes), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs, step)
-        return p, rest_state(rates)
+        p = SpringpotParams(e, padded(w.modes), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs)
+        return p, first_state(self.onset, rates.s.size, rates.fine)
 
     def laws(self, fs):
         return (responses.springpot(self.order, self.scheme, self.tol, self.horizon, fs),)
@@ -178,31 +175,14 @@ class Springpot(Block):
         return WORK + 512
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        first, cold, start = s.first, s.cold, 0
-        for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
-                part, out = x[start : i + 1], y[start : i + 1]
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
-                        begin(s.line, first)
-                        cold = 0.0
-                    difference(s.line, part, w)
-                    if p.alpha == 0.0 or p.alpha == 1.0:
-                        plain(p.alpha, p.fs, first, out, w)
-                    else:
-                        remember(p.e, p.r, p.taps, p.constant, p.scale, s.q, s.low, first, out, w)
-                else:
-                    clear(out)
-                    clear(s.line)
-                    clear(s.q)
-                    clear(s.low)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
-                start = i + 1
-        return SpringpotState(s.line, s.q, s.low, first, cold)
+    def tile(p, s, x, y, w):
+        first = begin(s, x[0])
+        difference(s.line, x, w)
+        if p.alpha == 0.0 or p.alpha == 1.0:
+            plain(p.alpha, p.fs, first, y, w)
+        else:
+            remember(p.e, p.r, p.taps, p.constant, p.scale, s.q, s.low, first, y, w)
+        return SpringpotState(s.line, s.q, s.low, first, 0.0)
 
     @staticmethod
     def transfer(p, z):
@@ -220,7 +200,6 @@ class LiveParams(NamedTuple):
     fs_high: float  # log(fs) in two words
     fs_rest: float
     fs: float
-    step: float
 
 
 class LiveState(NamedTuple):
@@ -281,6 +260,7 @@ class SpringpotLive(Block):
     tol: float
     horizon: float
     onset: str
+    resettable = True
 
     def check(self):
         check_fields(self)
@@ -299,57 +279,38 @@ class SpringpotLive(Block):
         live = soe.live(rates, self.scheme)
         e, (high, rest) = leaks(rates), soe.two_words(fs)
         n = e.size + 1
-        p = LiveParams(
-            e, padded(live.a, n=n), padded(live.high, n=n), padded(live.low, n=n), live.poly, float(len(rates.x)), high, rest, fs,
-            1.0 if self.onset == "step" else 0.0,
-        )  # fmt: skip
-        s = rest_state(rates)
-        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, 0.0, 1.0)
+        a, longs, shorts = (padded(v, n=n) for v in (live.a, live.high, live.low))
+        p = LiveParams(e, a, longs, shorts, live.poly, float(len(rates.x)), high, rest, fs)
+        s = first_state(self.onset, rates.s.size, rates.fine)
+        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, s.first, s.cold)
 
     @staticmethod
     def work(p):
         return WORK + 512
 
     @staticmethod
-    def tile(p, s, x, order, contact, y, w):
-        first, cold, constant, scale, alpha, start = s.first, s.cold, s.constant, s.scale, s.alpha, 0
+    def tile(p, s, x, order, y, w):
+        first, constant, scale, alpha, start = begin(s, x[0]), s.constant, s.scale, s.alpha, 0
         for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0) or order[i] != order[i + 1]:
+            if i + 1 == x.size or order[i] != order[i + 1]:
                 part, out = x[start : i + 1], y[start : i + 1]
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, part[0]), part[0])
-                        begin(s.line, first)
-                        cold = 0.0
-                    a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
-                    if a != alpha:
-                        alpha = a
-                        constant = reweigh(p, alpha, s.r, s.taps)
-                        scale = power(alpha, p.fs_high, p.fs_rest)
-                    difference(s.line, part, w)
-                    remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
-                    if alpha == 0.0 or alpha == 1.0:
-                        plain(alpha, p.fs, first, out, w)
-                    if a != order[i]:  # outside 0 .. 1, or nan
-                        for k in range(out.size):
-                            out[k] = NAN
-                else:
-                    clear(out)
-                    clear(s.line)
-                    clear(s.q)
-                    clear(s.low)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
+                a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
+                if a != alpha:
+                    alpha = a
+                    constant = reweigh(p, alpha, s.r, s.taps)
+                    scale = power(alpha, p.fs_high, p.fs_rest)
+                difference(s.line, part, w)
+                remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
+                if alpha == 0.0 or alpha == 1.0:
+                    plain(alpha, p.fs, first, out, w)
+                if a != order[i]:  # outside 0 .. 1, or nan
+                    for k in range(out.size):
+                        out[k] = NAN
                 start = i + 1
-        return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, cold)
+        return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, 0.0)
 
 
 # The certificate -----------------------------------------------------------------------------------------------------
-class PathParams(NamedTuple):
-    step: float
-
-
 class PathState(NamedTuple):
     length: float
     last: float
@@ -363,23 +324,19 @@ class PathLength(Block):
     y: Block
     contact: Block
     onset: str
+    resettable = True
 
     def check(self):
         if self.onset not in ONSETS:
             raise BadValue(f"path length: onset = {self.onset!r}; choose one of {', '.join(ONSETS)}")
 
     def design(self, fs):
-        return PathParams(1.0 if self.onset == "step" else 0.0), PathState(0.0, 0.0, 1.0)
+        return (), PathState(0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
-    def step(p, s, y, contact):
-        start = where(p.step > 0.0, where(s.cold == 1.0, abs(y), 0.0), 0.0)
-        length = where(s.cold > 0.0, start, s.length + abs(y - s.last))
-        return where(contact > 0.0, length, 0.0), PathState(
-            where(contact > 0.0, length, 0.0),
-            where(contact > 0.0, y, 0.0),
-            where(contact > 0.0, 0.0, where(s.cold == 1.0, 1.0, AGAIN)),
-        )
+    def step(p, s, y):
+        length = s.length + abs(y - origin(s.cold, s.last, y))
+        return length, PathState(length, y, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

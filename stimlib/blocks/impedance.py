@@ -37,11 +37,12 @@ class VelocityState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Velocity(Block):
-    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi cutoff / fs); all 0 off contact."""
+    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi cutoff / fs)."""
 
     x: Block
     cutoff: float
     contact: Block
+    resettable = True
 
     def check(self):
         positive(self, "cutoff")
@@ -58,11 +59,11 @@ class Velocity(Block):
         return responses.slow_velocity(self.cutoff, fs), responses.velocity(self.cutoff)
 
     @staticmethod
-    def step(p, s, x, contact):
+    def step(p, s, x):
         d = where(s.cold > 0.0, 0.0, ((x - s.last) + TINY) * p.fs)  # TINY here also keeps a denormal step from the product
-        a = where(contact > 0.0, fma(p.g, d - s.a, s.a), 0.0)
-        b = where(contact > 0.0, fma(p.g, a - s.b, s.b), 0.0)
-        return flush(b), VelocityState(x, a, b, where(contact > 0.0, 0.0, 1.0))
+        a = fma(p.g, d - s.a, s.a)
+        b = fma(p.g, a - s.b, s.b)
+        return flush(b), VelocityState(x, a, b, 0.0)
 
     @staticmethod
     def transfer(p, z):

@@ -24,13 +24,13 @@ import numpy as np
 
 from ..core import units as un
 from ..core.graph import Block, Const, as_block, constant
-from ..core.maths import memory, where
+from ..core.maths import memory
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue, UnitError
-from .fractional import AGAIN, ONSETS
+from .fractional import ONSETS, origin
 from .impedance import spring
 from .maps import Where
 
@@ -110,25 +110,25 @@ def time_constant(name: str, k, b, tau) -> float:
 class ArmsParams(NamedTuple):
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # k g; padded with zeros
-    step: float  # 1: a step from 0 at first contact
 
 
 class ArmsState(NamedTuple):
     q: np.ndarray
     low: np.ndarray  # second words of q
     last: float
-    cold: float  # 1, AGAIN: the next sample in contact starts anew
+    cold: float
 
 
 @dataclass(frozen=True, eq=False)
 class MaxwellArms(Block):
-    """Maxwell arms side by side: q_i += (y[n] - y[n-1]) - e_i q_i;  f = sum_i k_i g_i q_i; 0 off contact.  k as factors of y."""
+    """Maxwell arms side by side: q_i += (y[n] - y[n-1]) - e_i q_i;  f = sum_i k_i g_i q_i.  k as factors of y."""
 
     y: Block
     contact: Block
     k: np.ndarray
     tau: np.ndarray
     onset: str
+    resettable = True
 
     def check(self):
         check_lists(self, self.k, "k")
@@ -139,7 +139,7 @@ class MaxwellArms(Block):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
         e = padded([v.e for v in s], 1.0)
         r = padded([k * v.g for k, v in zip(self.k.tolist(), s, strict=True)])
-        return ArmsParams(e, r, 1.0 if self.onset == "step" else 0.0), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, 1.0)
+        return ArmsParams(e, r), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, ONSETS[self.onset])
 
     def laws(self, fs):
         return (responses.arms(self.k, self.tau),)
@@ -149,31 +149,13 @@ class MaxwellArms(Block):
         return SCRATCH + 64
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        last, cold, start = s.last, s.cold, 0
-        for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
-                n = i + 1 - start
-                out, d = y[start : i + 1], w[SCRATCH : SCRATCH + n]
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        last = where(p.step > 0.0, where(cold == 1.0, 0.0, x[start]), x[start])
-                        cold = 0.0
-                    for j in range(n):
-                        d[j] = x[start + j] - last
-                        last = x[start + j]
-                    memory(p.e, p.r, s.q, s.low, d, out, w)
-                else:
-                    for j in range(n):
-                        out[j] = 0.0
-                    for j in range(s.q.size):
-                        s.q[j] = 0.0
-                        s.low[j] = 0.0
-                    last = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
-                start = i + 1
-        return ArmsState(s.q, s.low, last, cold)
+    def tile(p, s, x, y, w):
+        d, last = w[SCRATCH : SCRATCH + x.size], origin(s.cold, s.last, x[0])
+        for j in range(x.size):
+            d[j] = x[j] - last
+            last = x[j]
+        memory(p.e, p.r, s.q, s.low, d, y, w)
+        return ArmsState(s.q, s.low, last, 0.0)
 
     @staticmethod
     def transfer(p, z):

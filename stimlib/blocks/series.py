@@ -14,7 +14,7 @@ from ..core.maths import fir, fma, memory, where
 from ..core.response import backward
 from ..design import responses
 from ..errors import BadValue
-from .fractional import DIFFERENCES, WORK, Springpot, begin, clear, force_unit, transfer
+from .fractional import DIFFERENCES, WORK, Springpot, begin, force_unit, transfer
 
 
 class SeriesParams(NamedTuple):
@@ -56,6 +56,7 @@ class Series(Block):
     scheme: str
     tol: float
     horizon: float
+    resettable = True
 
     def check(self):
         positive(self, "other", "chi")
@@ -82,34 +83,25 @@ class Series(Block):
         return WORK + 512
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        first, last, cold = s.first, s.last, s.cold
+    def tile(p, s, x, y, w):
+        first, last = begin(s, x[0]), where(s.cold > 0.0, x[0], s.last)
         d, near, far = w[DIFFERENCES : DIFFERENCES + 9], w[0:1], w[1:2]
         for i in range(x.size):
-            if contact[i] > 0.0:
-                if cold > 0.0:
-                    first, last, cold = x[i], x[i], 0.0
-                    begin(s.line, first)
-                for j in range(8):
-                    d[j] = s.line[j + 1] - s.line[j]
-                d[8] = 0.0
-                memory(p.e, p.r, s.q, s.low, d[0:1], far, w[WORK:])
-                fir(p.taps, d[1:9], near)
-                rest = fma(p.constant, s.line[1] - first, near[0] + far[0])
-                u = where(p.dashpot > 0.0, x[i] - last, x[i] - s.line[8])
-                step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
-                z = s.line[8] + step
-                for j in range(8):
-                    s.line[j] = s.line[j + 1]
-                s.line[8] = z
-                y[i] = p.pot * fma(p.newest, step, rest)
-                last = x[i]
-            else:
-                clear(s.line)
-                clear(s.q)
-                clear(s.low)
-                y[i], first, last, cold = 0.0, 0.0, 0.0, 1.0
-        return SeriesState(s.line, s.q, s.low, first, last, cold)
+            for j in range(8):
+                d[j] = s.line[j + 1] - s.line[j]
+            d[8] = 0.0
+            memory(p.e, p.r, s.q, s.low, d[0:1], far, w[WORK:])
+            fir(p.taps, d[1:9], near)
+            rest = fma(p.constant, s.line[1] - first, near[0] + far[0])
+            u = where(p.dashpot > 0.0, x[i] - last, x[i] - s.line[8])
+            step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
+            z = s.line[8] + step
+            for j in range(8):
+                s.line[j] = s.line[j + 1]
+            s.line[8] = z
+            y[i] = p.pot * fma(p.newest, step, rest)
+            last = x[i]
+        return SeriesState(s.line, s.q, s.low, first, last, 0.0)
 
     @staticmethod
     def transfer(p, z):

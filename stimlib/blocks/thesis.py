@@ -13,7 +13,7 @@ from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue
-from .fractional import AGAIN, check_fields, clear, force_unit
+from .fractional import ONSETS, check_fields, force_unit, origin
 
 NAN = math.nan
 POINTS = 100  # of history that are summed
@@ -46,7 +46,6 @@ class DownsampledParams(NamedTuple):
     weights: np.ndarray
     scale: float
     alpha: float
-    step: float
 
 
 class DownsampledState(NamedTuple):
@@ -67,10 +66,8 @@ class Downsampled(Method):
                 f"springpot: gl-downsampled keeps the whole history, {n} samples for horizon = {self.horizon:g} s at {fs:g} Hz; "
                 f"give the longest contact as horizon, at most {LONGEST / fs:.6g}"
             )
-        p = DownsampledParams(
-            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order, 1.0 if self.onset == "step" else 0.0
-        )
-        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, 1.0)
+        p = DownsampledParams(binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order)
+        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
     def tile(p, s, x, contact, y):
@@ -79,9 +76,7 @@ class Downsampled(Method):
         first, cold = s.first, s.cold
         for i in range(x.size):
             if contact[i] > 0.0:
-                if cold > 0.0:
-                    first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[i]), x[i])
-                    k, cold = 0.0, 0.0
+                first, k, cold = origin(cold, first, x[i]), where(cold > 0.0, 0.0, k), 0.0
                 if k < most:
                     now = np.int64(k)
                     s.past[now] = x[i] - first
@@ -94,9 +89,7 @@ class Downsampled(Method):
                 else:
                     y[i] = NAN
             else:
-                y[i], first, k = 0.0, 0.0, 0.0
-                if cold == 0.0:
-                    cold = AGAIN
+                y[i], first, k, cold = 0.0, 0.0, 0.0, where(cold > 0.0, cold, 1.0)
         return DownsampledState(s.past, first, k, cold)
 
 
@@ -107,7 +100,6 @@ def float_of(n):
 
 class ShortMemoryParams(NamedTuple):
     taps: np.ndarray  # oldest first, zeros in front
-    step: float
 
 
 class ShortMemoryState(NamedTuple):
@@ -120,10 +112,11 @@ class ShortMemoryState(NamedTuple):
 class ShortMemory(Method):
     """D^alpha y from the last 100 samples alone."""
 
+    resettable = True
+
     def design(self, fs):
         taps = padded(math.pow(fs, self.order) * binomials(self.order, POINTS))[::-1].copy()
-        step = 1.0 if self.onset == "step" else 0.0
-        return ShortMemoryParams(taps, step), ShortMemoryState(np.zeros(taps.size - 1), 0.0, 1.0)
+        return ShortMemoryParams(taps), ShortMemoryState(np.zeros(taps.size - 1), 0.0, ONSETS[self.onset])
 
     def laws(self, fs):
         return (responses.short_memory(self.order, fs),)
@@ -133,28 +126,14 @@ class ShortMemory(Method):
         return p.taps.size + 63
 
     @staticmethod
-    def tile(p, s, x, contact, y, w):
-        first, cold, start, h = s.first, s.cold, 0, s.line.size
-        for i in range(x.size):
-            if i + 1 == x.size or (contact[i] > 0.0) != (contact[i + 1] > 0.0):
-                n = i + 1 - start
-                if contact[i] > 0.0:
-                    if cold > 0.0:
-                        first = where(p.step > 0.0, where(cold == 1.0, 0.0, x[start]), x[start])
-                        cold = 0.0
-                    copy(s.line, w)
-                    for k in range(n):
-                        w[h + k] = x[start + k] - first
-                    fir(p.taps, w[: h + n], y[start : i + 1])
-                    copy(w[n : n + h], s.line)
-                else:
-                    clear(y[start : i + 1])
-                    clear(s.line)
-                    first = 0.0
-                    if cold == 0.0:
-                        cold = AGAIN
-                start = i + 1
-        return ShortMemoryState(s.line, first, cold)
+    def tile(p, s, x, y, w):
+        first, n, h = origin(s.cold, s.first, x[0]), x.size, s.line.size
+        copy(s.line, w)
+        for k in range(n):
+            w[h + k] = x[k] - first
+        fir(p.taps, w[: h + n], y)
+        copy(w[n : n + h], s.line)
+        return ShortMemoryState(s.line, first, 0.0)
 
     @staticmethod
     def transfer(p, z):

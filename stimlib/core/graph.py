@@ -46,9 +46,14 @@ class Block(Refusals):
       bits; ``work(p)`` words of scratch come as ``w``.
 
     p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
+
+    A ``resettable`` class runs where its last signal, ``contact``, is above 0; elsewhere its output is 0 and its state that of
+    ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, and 1 after
+    contact; step and tile make it 0.
     """
 
     abstract: ClassVar[bool] = True
+    resettable: ClassVar[bool] = False
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
@@ -724,6 +729,11 @@ def pack(s: Any) -> np.ndarray:
     """The words of a parameter or state tuple: fields in order, arrays whole, floats as their bits."""
     w = [np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64) for v in s]
     return np.concatenate(w) if w else np.zeros(0, np.uint64)
+
+
+def at_rest(s: Any) -> Any:
+    """The state of a resettable block off contact, from the one of its design."""
+    return unpack(s, pack(s))._replace(cold=np.float64(1.0))
 
 
 def unpack(s: Any, w: np.ndarray) -> Any:

@@ -179,7 +179,8 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     f = getattr(cls, name)
     if f is None:
         raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(signals(cls))})")
-    wanted = ["p", "s", *signals(cls), *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
+    taken = signals(cls)[:-1] if cls.resettable else signals(cls)  # type: ignore[attr-defined]
+    wanted = ["p", "s", *taken, *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
 
     def refuse(line: int, why: str) -> None:
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
@@ -188,6 +189,8 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     first = f.__code__.co_firstlineno
     if not isinstance(inspect.getattr_static(cls, name), staticmethod):
         refuse(first, f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})")
+    if cls.resettable and not (signals(cls) and getattr(s_type, "_fields", ())[-1:] == ("cold",)):  # type: ignore[attr-defined]
+        refuse(first, "a resettable block has a signal that resets it, the last one, and a state that ends with cold")
     if len(given) != len(wanted):
         refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
     try:

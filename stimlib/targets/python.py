@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Param, pack, unpack
+from ..core.graph import Param, at_rest, pack, unpack
 from ..core.program import PARAMS, ROOT, Program
 
 
@@ -18,6 +18,7 @@ class Engine:
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
         self.program = program
         self.count = 0
+        self.design = design
         self.p = [unpack(p, pack(p)) for p, _ in design]
         self.s = [unpack(s, pack(s)) for _, s in design]
         blocks = [q.block for q in program.instances]
@@ -44,6 +45,10 @@ class Engine:
     def step(self, i: int, x: list[float]) -> float:
         """One sample of one block."""
         block = self.program.instances[i].block
+        if block.resettable and not x.pop() > 0.0:
+            if self.s[i].cold == 0.0:
+                self.s[i] = at_rest(self.design[i][1])
+            return np.float64(0.0)
         if block.step is not None:
             y, self.s[i] = block.step(self.p[i], self.s[i], *x)
             return np.float64(y)

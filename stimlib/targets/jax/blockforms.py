@@ -1,8 +1,8 @@
 """How the primitives run over whole signals under JAX: banks of modes and taps as products with small matrices.
 
 ``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s come from ``design``, x are arrays (n,) or
-scalars (the same at all samples), and y is one or the other.  A class without one runs its step, see ``recurrence``.  Blocks of
-others join with ``LOWERINGS[MyBlock] = my_function``.
+scalars (the same at all samples), contact last for a resettable block, and y is one or the other.  A class without one runs its
+step, see ``recurrence``.  Blocks of others join with ``LOWERINGS[MyBlock] = my_function``.
 """
 
 from __future__ import annotations
@@ -268,43 +268,47 @@ class History(NamedTuple):
     """A position since contact."""
 
     on: Any  # in contact
-    fresh: Any  # first sample of a contact
+    start: Any  # where this contact began
     d: Any  # movement in this sample, 0 off contact
-    first: Any  # position before contact
+    way: Any  # movement since contact, 0 off contact
 
 
-def history(x: Any, contact: Any, step: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``step`` is 1."""
+def history(x: Any, contact: Any, cold: float, n: int) -> History:
+    """Movements since contact; a step from 0 at the very first contact where ``cold``, before it, is above 1."""
     x = spread(x, n)
     if steady(contact):
-        first = jnp.where(step > 0, 0.0, x[0])
-        return History(jnp.ones(n, bool), jnp.arange(n) == 0, x - later(x, 1, first), spread(first, n))
+        first = jnp.where(cold > 1, 0.0, x[0])
+        return History(jnp.ones(n, bool), jnp.zeros(n, int), x - later(x, 1, first), x - first)
     on = spread(jnp.asarray(contact) > 0, n)
     fresh = on & ~later(on, 1, False)
     start = latest(fresh)
-    very_first = start == jnp.argmax(fresh)
-    first = jnp.where(on, jnp.where(very_first & (step > 0), 0.0, x[start]), 0.0)
+    first = jnp.where((start == jnp.argmax(fresh)) & (cold > 1), 0.0, x[start])
     d = jnp.where(on, x - jnp.where(fresh, first, later(x, 1)), 0.0)
-    return History(on, fresh, d, first)
+    return History(on, start, d, jnp.where(on, x - first, 0.0))
 
 
 def maxwell_arms(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return bank(p.e, p.r, h.d, run.dtype)
-    return _scan_bank(p.e, p.r, h, run.dtype)
+    a, r = jnp.asarray(1 - p.e, run.dtype), jnp.asarray(p.r, run.dtype)
 
-
-def _scan_bank(e, r, h, dtype):
-    """``bank`` from rest at each contact: a loop over samples."""
-    a, r = jnp.asarray(1 - e, dtype), jnp.asarray(r, dtype)
-
-    def body(q, row):
-        on, fresh, d = row
-        q = jnp.where(on, d + jnp.where(fresh, 0.0, a * q), 0.0)
+    def body(q, d):
+        q = a * q + d
         return q, jnp.sum(r * q)
 
-    return lax.scan(body, jnp.zeros(e.size, dtype), (h.on, h.fresh, h.d.astype(dtype)))[1]
+    return in_contact(body, jnp.zeros(a.size, run.dtype), h.on, h.d.astype(run.dtype))
+
+
+def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
+    """A loop over samples, ``state, y = body(state, *row)``: the state is ``start`` and y is 0 off contact."""
+
+    def sample(s, row):
+        on, *x = row
+        after, y = body(s, *x)
+        return jax.tree.map(lambda a, b: jnp.where(on, a, b), after, start), jnp.where(on, y, 0.0)
+
+    return lax.scan(sample, start, (on, *rows))[1]
 
 
 def kelvin_chain(b, p, s, x, run):
@@ -323,30 +327,29 @@ class HistoryWeights(NamedTuple):
 
 
 def springpot(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     if p.alpha in (0.0, 1.0):
-        return jnp.where(h.on, h.d * p.fs if p.alpha else spread(x[0], run.n) - h.first, 0.0)
+        return h.d * p.fs if p.alpha else h.way
     w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
-    return whole_history(p.e, w, h, x[0], run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
+    return whole_history(p.e, w, h, run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
 
 
-def whole_history(e: np.ndarray, w: HistoryWeights, h: History, x: Any, run: Run) -> Any:
+def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
     """Sum over all movements: eight taps, and the modes eight samples later."""
     near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
-    constant = w.constant * later(spread(x, run.n) - h.first, 8)
-    return w.scale * (near + constant + bank(e, w.r, later(h.d, 8), run.dtype))
+    return w.scale * (near + w.constant * later(h.way, 8) + bank(e, w.r, later(h.d, 8), run.dtype))
 
 
 def springpot_live(b, p, s, x, run):
     """The modes do not depend on the order; their weights do."""
     alpha = jnp.asarray(x[1])
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
-    h = history(x[0], x[2], p.step, run.n)
+    h = history(x[0], x[2], s.cold, run.n)
     if steady(x[2]) and not jnp.ndim(alpha):
-        y = whole_history(p.e, weights(p, alpha), h, x[0], run)
+        y = whole_history(p.e, weights(p, alpha), h, run)
     else:
         y = _scan_history(p.e, lambda a: weights(p, a), alpha, h, run)
-    ends = jnp.where(alpha > 0.5, h.d * p.fs, spread(x[0], run.n) - h.first)
+    ends = jnp.where(alpha > 0.5, h.d * p.fs, h.way)
     exact = jnp.where((alpha == 0) | (alpha == 1), ends, y)
     y = y + lax.stop_gradient(exact - y)  # the order's derivative is that of the sum, also at 0 and 1
     return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
@@ -369,71 +372,56 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
     a = jnp.asarray(1 - e)
     moving = jnp.ndim(alpha) > 0
 
-    def body(state, row):
+    def body(state, d, order):
         line, q, total = state
-        on, fresh, d, order = row
-        line = jnp.concatenate([jnp.where(fresh, 0.0, line), d[None]])
-        q = jnp.where(fresh, 0.0, a * q) + line[0]
-        total = jnp.where(fresh, 0.0, total) + line[0]
+        line, q, total = jnp.concatenate([line[1:], d[None]]), a * q + line[0], total + line[0]
         w = weigh(order if moving else alpha)
-        y = w.scale * (jnp.sum(w.taps * line[1:]) + w.constant * total + jnp.sum(w.r * q))
-        keep = [jnp.where(on, v, 0.0) for v in (line[1:], q, total)]
-        return (keep[0], keep[1], keep[2]), jnp.where(on, y, 0.0)
+        return (line, q, total), w.scale * (jnp.sum(w.taps * line) + w.constant * total + jnp.sum(w.r * q))
 
-    start = jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())
-    return lax.scan(body, start, (h.on, h.fresh, h.d, spread(alpha, run.n)))[1]
+    return in_contact(body, (jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())), h.on, h.d, spread(alpha, run.n))
 
 
 def series(b, p, s, x, run):
     """A loop over samples: the inner displacement is found at each."""
-    y, on = spread(x[0], run.n), spread(jnp.asarray(x[1]) > 0, run.n)
-    fresh = on & ~later(on, 1, False)
+    h = history(x[0], x[1], s.cold, run.n)
     a = jnp.asarray(1 - p.e)
 
-    def body(state, row):
-        line, q, total, last = state  # movements of the springpot, its modes, its way until 8 samples ago; y and z before
-        on, fresh, y = row
-        line, q, total = (jnp.where(fresh, 0.0, v) for v in (line, q, total))
-        last = jnp.where(fresh, y, last)
+    def body(state, d, way):
+        line, q, total, z = state  # movements of the springpot, its modes, its way until 8 samples ago and now
         q, total = a * q + line[0], total + line[0]
         rest = jnp.sum(p.taps[:7] * line[1:]) + p.constant * total + jnp.sum(p.r * q)
-        u = y - jnp.where(p.dashpot > 0, last[0], last[1])
+        u = d if p.dashpot else way - z
         step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
-        out = (jnp.concatenate([line[1:], step[None]]), q, total, jnp.stack([y, last[1] + step]))
-        f = jnp.where(on, p.pot * (p.newest * step + rest), 0.0)
-        return tuple(jnp.where(on, v, 0.0) for v in out), f
+        return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (p.newest * step + rest)
 
-    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(2)
-    return lax.scan(body, start, (on, fresh, y))[1]
+    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(())
+    return in_contact(body, start, h.on, h.d, h.way)
 
 
 def short_memory(b, p, s, x, run):
-    h = history(x[0], x[1], p.step, run.n)
-    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
-        return taps_tiles(p.taps[::-1], z)
+        return taps_tiles(p.taps[::-1], h.way)
     taps = jnp.asarray(p.taps)
 
-    def body(line, row):
-        on, fresh, z = row
-        line = jnp.concatenate([jnp.where(fresh, 0.0, line), z[None]])
-        return jnp.where(on, line[1:], 0.0), jnp.where(on, jnp.sum(taps * line), 0.0)
+    def body(line, z):
+        line = jnp.concatenate([line, z[None]])
+        return line[1:], jnp.sum(taps * line)
 
-    return lax.scan(body, jnp.zeros(p.taps.size - 1), (h.on, h.fresh, z))[1]
+    return in_contact(body, jnp.zeros(p.taps.size - 1), h.on, h.way)
 
 
 def downsampled(b, p, s, x, run):
     """Every m-th sample back to contact, one weight at a time."""
-    h = history(x[0], x[1], p.step, run.n)
+    h = history(x[0], x[1], s.cold, run.n)
     i = jnp.arange(run.n)
-    k = i - latest(h.fresh)
-    z = jnp.where(h.on, spread(x[0], run.n) - h.first, 0.0)
+    k = i - h.start
     m = jnp.maximum((k + thesis.POINTS - 1) // thesis.POINTS, 1)
 
     def body(total, jw):
         j, w = jw
         inside = j * m <= k
-        return total + jnp.where(inside, w * z[jnp.where(inside, i - j * m, 0)], 0.0), None
+        return total + jnp.where(inside, w * h.way[jnp.where(inside, i - j * m, 0)], 0.0), None
 
     total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[0]
     y = p.scale * jnp.exp(-p.alpha * jnp.log(m.astype(jnp.float64))) * total

@@ -20,7 +20,7 @@ from ...blocks.gate import Gate
 from ...core.graph import Block, Compare, Const, Param
 from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of, rate, warn_beyond
 from ...errors import BadValue, SceneError, UnknownName
-from .blockforms import LOWERINGS, Run, running, spread
+from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
 
 DTYPES = ("float64", "float32")
@@ -317,5 +317,9 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
     f = _lowering(b)
     if f is not None:
         return f(b, p, s, x, run)
-    y = run_step(type(b).step, p, s, x, run.n)  # type: ignore[arg-type]
+    contact: tuple = ()
+    if b.resettable and not steady(x[-1]):
+        on = spread(jnp.asarray(x[-1]) > 0, run.n)
+        contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
+    y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]
     return y if jnp.ndim(y) or not len(s) else spread(y, run.n)

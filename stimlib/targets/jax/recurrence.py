@@ -77,12 +77,26 @@ def groups(depends: np.ndarray) -> list[list[int]]:
     return out
 
 
-def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
+def _resettable(f: Callable, first: Any) -> Callable:
+    """A step that rests where the last but one of its signals is not True; the last one is what ``cold`` then is."""
+
+    def step(p, s, *x):
+        y, after = f(p, s, *x[:-2])
+        on, rest = x[-2], first._replace(cold=x[-1])
+        return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
+
+    return step
+
+
+def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
     """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them.
 
-    first is a NamedTuple of scalars; x are arrays (n,) or scalars.
+    first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a resettable block: where it runs, and ``cold``
+    where it does not.
     """
     f, p = traced.bind(step), traced.on_arrays(p)
+    if contact:
+        f, x = _resettable(f, first), [*x, *contact]
     if not len(first):
         return traced.run(lambda *x: f(p, (), *x)[0], *x)
     if any(np.ndim(v) for v in first):

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from ...core import maths, steps
-from ...core.graph import kind, memo, pack
+from ...core.graph import at_rest, kind, memo, pack
 from ...core.program import PARAMS, ROOT, Program
 from ...errors import SceneError
 from .cache import load
@@ -187,17 +187,25 @@ class Engine:
                 cls = type(b)
                 f = cls.tile or cls.step
                 assert f is not None, f"{cls.__name__} has neither step nor tile"
-                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), len(q.args))
+                inputs = [arg(a, q.clock) for a in q.args]
+                contact = [inputs.pop()] if cls.resettable else []
+                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), len(inputs))
                 self.segments[i] = segment.__name__
-                w = [arg(a, q.clock) for a in q.args] + [place(i)]
+                w = [*inputs, place(i)]
                 sizes = [v.size for v in s if isinstance(v, np.ndarray)]
                 if b.work:
                     sizes.append(b.work(p))
                     scratch = max(scratch, sizes[-1])
-                    work_slots.append(len(A) + len(w))
+                    work_slots.append(len(A) + len(contact) * 5 + len(w))
                     w.append(-1)
                 words, payload = _parameter_words(p, sizes)
-                rows.append((segment._sl_segment.address, p_at, state_at, len(A), q.clock, q.autonomous))
+                address = segment._sl_segment.address
+                if contact:
+                    rest = pack(at_rest(s))
+                    w = [*contact, place(i), words.size + sum(v.size for v in payload), rest.size, address, *w]
+                    address = runtime.RESETTABLE
+                    payload.append(rest)
+                rows.append((address, p_at, state_at, len(A), q.clock, q.autonomous))
                 A.extend(w)
                 P += [words, *payload]
                 p_at += words.size + sum(v.size for v in payload)
@@ -212,7 +220,7 @@ class Engine:
         self.P = np.concatenate([np.zeros(0, np.uint64), *P]) if P else np.zeros(1, np.uint64)
         self.A = np.array(A, np.int64)
         self.S = np.zeros(max(state_at, 1), np.uint64)
-        self.W = np.zeros(len(slot) * TILE + scratch)
+        self.W = np.zeros(len(slot) * TILE + scratch + TILE)  # a stretch may begin late in its tile
         for k, v in constants:
             self.W[k : k + TILE] = v
         self.N = np.zeros(clocks, np.int64)

@@ -7,7 +7,7 @@ from stimlib.targets.numba.native import F8, I8, address, as_i8, at, call, data,
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
 #      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen
 # row: address or opcode, P, S, A, clock, autonomous
-OPEN, CLOSE, GATHER = 1, 2, 3
+OPEN, CLOSE, GATHER, RESETTABLE = 1, 2, 3, 4
 
 
 @njit(error_model="numpy", inline="always")
@@ -24,6 +24,25 @@ def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
                 down[n] = i  # place in the parent's tile
                 down[64 + n] = i if root else up[i]  # place in the root's tile
                 n += 1
+
+
+@njit(error_model="numpy", inline="always")
+def stretches(P, S, W, w, k):  # w = (contact, output, state at rest in P, its words, segment, the segment's own ..)
+    by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[3] - 1)
+    start, n = 0, 0
+    for i in range(k):
+        n += by[i] > 0.0
+    for i in range(k - 1 if n == 0 or n == k else 0, k):
+        on = by[i] > 0.0
+        if i + 1 == k or on != (by[i + 1] > 0.0):
+            if on:
+                call(w[4], P, S, at(W, start), at(w, 5), i + 1 - start)
+            else:
+                for j in range(start, i + 1):
+                    y[j] = 0.0
+                if cold[0] == 0.0:
+                    move(S, at(P, w[2]), w[3])
+            start = i + 1
 
 
 @cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
@@ -59,6 +78,8 @@ def entry(ctx, x, y, n):
             w = at(A, q[3])
             if q[0] > 16:
                 call(q[0], at(P, q[1]), at(S, q[2]), W, w, k)
+            elif q[0] == RESETTABLE:
+                stretches(at(P, q[1]), at(S, q[2]), W, w, k)
             elif q[0] == OPEN:
                 open_clock(W, w, at(index, c * 128 + 64), c == 1, at(index, w[1] * 128), N, k)
             elif q[0] == CLOSE:  # w = (inner, out, child)
