@@ -354,3 +354,10 @@ def test_names_that_are_none(name):
             make()
         assert str(e.value).isprintable() and len(str(e.value)) < 200
     assert Scene({"é" * 100: Input("größe")})
+
+
+def test_a_scene_is_lowered_once_and_again_when_its_outputs_change():
+    scene = stimlib.Scene({"y": 2 * stimlib.Input("x")})
+    assert stimlib.compile(scene, 1000).program is scene.program is stimlib.compile(scene, 8000, "python").program
+    scene.outputs["z"] = 3 * stimlib.Input("x")
+    assert stimlib.compile(scene, 1000).outputs == ("y", "z")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from ..core import regular
 from ..core.graph import Guard, Input, signals
-from ..core.program import PARAMS, ROOT, Instance, lower
+from ..core.program import PARAMS, ROOT, Instance, Program
 from ..errors import BadValue, shown
 from .layout import LINE, MARGIN, PAD, SMALL, STRIP, TITLE, WIRE, Box, Layout, Level, width_of
 
@@ -89,11 +89,8 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     suffix = ".svg" if path is None else Path(path).suffix.lower()
     if path is not None and suffix not in FORMATS:
         raise BadValue(f"draw: the suffix of {Path(path).name!r} must be one of {', '.join(FORMATS)}")
-    if hasattr(scene, "program"):
-        program = scene.program
-    elif hasattr(scene, "outputs"):
-        program = lower(scene.outputs)
-    else:
+    program = getattr(scene, "program", None)
+    if not isinstance(program, Program):
         raise BadValue(f"draw: expected a scene or a processor, got {type(scene).__name__} {scene!r}")
     blocks = sum(q.kind == "block" for q in program.instances)
     if blocks > MOST:

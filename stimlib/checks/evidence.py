@@ -13,7 +13,7 @@ import numpy as np
 from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, reach
-from ..core.program import ROOT, lower
+from ..core.program import ROOT
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
@@ -187,7 +187,7 @@ def within_another(b: Enabled, root: Block) -> bool:
 
 def free_noises(scene: Scene) -> dict[str, Block]:
     """White noises that run at every sample."""
-    program = lower(scene.outputs)
+    program = scene.program
     at = {name: program.instances[i] for name, i in program.noises.items()}
     return {name: q.block for name, q in at.items() if q.clock == ROOT and isinstance(q.block, White)}
 

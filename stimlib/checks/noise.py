@@ -25,17 +25,16 @@ def generator(e: Evidence) -> list[Check]:
     fed with that."""
     checks, n, early = [], e.x.shape[1], lead(e.fs)
     known: dict[tuple[int, int], np.ndarray] = {}
-    for name, i in e.proc.program.noises.items():
-        b = e.proc.program.instances[i].block
+    sources = {name: e.proc.program.instances[i].block for name, i in e.proc.program.noises.items()}
+    gated: dict[str, Block] = {name: b for name, b in sources.items() if isinstance(b, White) and name not in e.whites}
+    seen = e.whites | _alone(gated, e)
+    for name, b in sources.items():
         if not isinstance(b, White):
             e.skipped.append(f"{name}: {b!r} has a generator of its own")
             continue
         white = laws.white(e.seed, *b.noise_key, -early - early % 2, n + early + early % 2)[early % 2 :]
         known[b.noise_key] = white
-        got = e.whites.get(name)
-        if got is None:
-            got = compile(Scene({"n": dc.replace(b)}), e.fs, seed=e.seed).process(np.empty((0, n)))[0]
-        apart = float(np.abs(got - white[early:]).max())
+        apart = float(np.abs(seen[name] - white[early:]).max())
         checks.append(Check("c", f"{name}: generator", apart, GENERATOR, f"Philox and Box-Muller, written again, {n} samples"))
     for t in e.taps:
         want = _fed(t, e, known)
@@ -46,6 +45,14 @@ def generator(e: Evidence) -> list[Check]:
         text = f"its filter fed with that generator, {t.stream.size} samples"
         checks.append(Check("c", f"{t.output}: noise as displayed", apart, FILTERED, text))
     return checks
+
+
+def _alone(sources: dict[str, Block], e: Evidence) -> dict[str, np.ndarray]:
+    """Sources without the gates that they stand behind."""
+    if not sources:
+        return {}
+    proc = compile(Scene({f"noise{k}": b for k, b in enumerate(sources.values())}), e.fs, seed=e.seed)
+    return dict(zip(sources, proc.process(np.empty((0, e.x.shape[1]))), strict=True))
 
 
 def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.ndarray | None:

@@ -267,10 +267,10 @@ def _check_noise_objects(objects: list[Block]) -> None:
 
 def program_of(scene: Any) -> Program:
     """The program of a scene; SceneError for anything else."""
-    outputs = getattr(scene, "outputs", None)
-    if not isinstance(outputs, dict):
+    program = getattr(scene, "program", None)
+    if not isinstance(program, Program):
         raise SceneError(f'expected a Scene, such as Scene({{"force": force}}), got {type(scene).__name__}')
-    return lower(outputs)
+    return program
 
 
 def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:

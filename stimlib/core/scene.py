@@ -16,7 +16,7 @@ from ..errors import SceneError, SceneFileError, StimlibError
 from . import regular
 from .bounds import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
-from .program import lower
+from .program import Program, lower
 
 VERSION = 1
 
@@ -49,7 +49,16 @@ class Scene:
             check_name("output", name, SceneError)
         self.law = law
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
-        lower(self.outputs)  # finds what is wrong with the graph now, where it was written
+        self._lowered: tuple[list[tuple[str, int]], Program] | None = None
+        _ = self.program  # finds what is wrong with the graph now, where it was written
+
+    @property
+    def program(self) -> Program:
+        """What ``lower`` makes of the outputs, made once."""
+        known = [(name, id(b)) for name, b in self.outputs.items()]
+        if self._lowered is None or self._lowered[0] != known:
+            self._lowered = known, lower(self.outputs)
+        return self._lowered[1]
 
     @property
     def inputs(self) -> dict[str, Input]:
