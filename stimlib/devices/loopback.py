@@ -117,6 +117,8 @@ class Capture:
             self._words = np.array(words, np.int64)
             callback = ffi.cast("JackProcessCallback", int(_native().jack_capture.address))
             lib.jack_set_process_callback(client._ptr, callback, ffi.cast("void*", self._words.ctypes.data))
+            self.xruns = 0  # of the server, so of any client: what that one gave may not have been taken
+            client.set_xrun_callback(self._late)
             client.activate()
             if not isinstance(ports, int):
                 for port, to in zip(ports, ins, strict=True):
@@ -128,6 +130,9 @@ class Capture:
         except AttributeError as e:
             client.close()
             raise SinkError(f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}") from None
+
+    def _late(self, microseconds: float) -> None:
+        self.xruns += 1
 
     @property
     def frames(self) -> NDArray[np.float32]:

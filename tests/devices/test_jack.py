@@ -354,7 +354,7 @@ def test_every_way_out_fades(server, way):
                 assert way == "exception"
             time.sleep(0.05)
             frames = capture.frames.copy()
-            return captured_fades(frames, capture.times[: len(frames)] - s.pump.read("ORIGIN"), log.events)
+            return captured_fades(frames, capture.times[: len(frames)] - s.pump.read("ORIGIN"), log.events, capture.xruns)
 
     until_judged(take)
 
@@ -409,7 +409,7 @@ def test_signals_and_the_end_of_the_program_fade(server, more, what, code):
             time.sleep(0.05)
             assert child.returncode == code
             frames = capture.frames.copy()
-            return captured_fades(frames, capture.times[: len(frames)] - told["origin"], told["events"])
+            return captured_fades(frames, capture.times[: len(frames)] - told["origin"], told["events"], capture.xruns)
 
     until_judged(take)
 

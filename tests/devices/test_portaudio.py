@@ -268,7 +268,7 @@ def test_ways_out_fade(way):
                 frames = capture.frames.copy()
                 if told["report"]["underruns"]:
                     return False
-                return captured_fades(frames, capture.times[: len(frames)] - capture.times[0], [])
+                return captured_fades(frames, capture.times[: len(frames)] - capture.times[0], [], capture.xruns)
 
         until_judged(take)
 
