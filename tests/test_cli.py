@@ -21,6 +21,7 @@ from stimlib import cli, demo
 from stimlib.analysis.listen import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import scene_of
+from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
 from stimlib.files import audio as file
 from stimlib.motion.generators import minimum_jerk, sinusoid
@@ -568,6 +569,23 @@ def test_what_defined_an_own_block_is_kept_and_compared(clicks, tmp_path, monkey
     assert "own blocks of click_block:" in done.stdout
     done = run.invoke(app, [*words.split(), "--import", "click_block.py"])
     assert done.exit_code == 0 and "own blocks" not in done.stdout
+
+
+def test_a_definition_is_what_ran_with_what_it_derives_from(tmp_path, monkeypatch):
+    """Not what its file became since, as in a notebook that imported it before."""
+    base = "from stimlib import Block\n\nclass Base(Block, abstract=True):\n    pass\n"
+    (tmp_path / "bases_here.py").write_text(base)
+    own = "from dataclasses import dataclass\nfrom bases_here import Base, Block\n"
+    own += "@dataclass(frozen=True, eq=False)\nclass Twice(Base):\n    x: Block\n"
+    own += "    @staticmethod\n    def step(p, s, x):\n        return 2.0 * x, s\n"
+    (tmp_path / "twice_here.py").write_text(own)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import twice_here
+
+    for name in ("twice_here.py", "bases_here.py"):
+        (tmp_path / name).write_text("# another\n")
+    scene = stimlib.Scene({"y": twice_here.Twice(stimlib.Input("x"))})
+    assert {module: d["text"] for module, d in definitions(scene).items()} == {"bases_here": base, "twice_here": own}
 
 
 @pytest.mark.parametrize(

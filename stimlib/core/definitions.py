@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import linecache
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +13,7 @@ TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text
 
 
 def definitions(scene: Any) -> dict[str, dict[str, str]]:
-    """The files that define a scene's own blocks, as they are now.
+    """The files that define a scene's own blocks, as they were when Python read them.
 
     Parameters
     ----------
@@ -24,7 +22,8 @@ def definitions(scene: Any) -> dict[str, dict[str, str]]:
     Returns
     -------
     dict of str to dict
-        By module of a class: ``text``, its whole file or notebook cell with the helpers and constants there, and its ``sha256``.
+        By module of a class, or of one that it derives from: ``text``, its whole file or notebook cell with the helpers and
+        constants there, and its ``sha256``.
         Nothing for blocks of stimlib, whose text follows from the version. The text is "" where Python has kept none.
 
     Examples
@@ -34,7 +33,7 @@ def definitions(scene: Any) -> dict[str, dict[str, str]]:
     >>> definitions(stimlib.scenes.squeeze())
     {}
     """
-    return {module: {"sha256": _sha256(text := _text(cls)), "text": text} for module, cls in _own(scene).items()}
+    return {module: {"sha256": _sha256(cls.source), "text": cls.source} for module, cls in _own(scene).items()}
 
 
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
@@ -54,21 +53,10 @@ def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
 
 
 def _own(scene: Any) -> dict[str, type[Block]]:
-    """One class of each module that is not stimlib's."""
-    kinds = {type_name(c): c for c in map(type, reach(scene.outputs.values()))}
+    """One class of each module that is not stimlib's, of those that the blocks derive from too."""
+    kinds = {type_name(k): k for b in reach(scene.outputs.values()) for k in type(b).__mro__ if issubclass(k, Block)}
     return {kinds[name].__module__: kinds[name] for name in sorted(kinds) if "." in name}
 
 
 def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()  # a file of others may have half a character
-
-
-def _text(cls: type) -> str:
-    """Of the file, or the notebook cell, that a class is defined in."""
-    functions = (getattr(v, "__func__", v) for v in vars(cls).values())
-    codes = [f.__code__ for f in functions if getattr(f, "__module__", None) == cls.__module__ and hasattr(f, "__code__")]
-    for file in [*(c.co_filename for c in codes), getattr(sys.modules.get(cls.__module__), "__file__", None) or ""]:
-        linecache.checkcache(file)
-        if lines := linecache.getlines(file):
-            return "".join(lines)
-    return ""

@@ -21,6 +21,7 @@ from ..errors import BadValue, SceneError, StimlibError, UnitError, place
 from . import units as un
 from .maths import copy, where
 from .operators import NUMBERS, Refusals, functions, no_numpy, power
+from .source import source_of
 from .units import Unit, unit
 
 F = TypeVar("F", bound=Callable)
@@ -53,6 +54,7 @@ class Block(Refusals):
     """
 
     abstract: ClassVar[bool] = True
+    source: ClassVar[str] = ""  # of a class that is not stimlib's: the text of its file
     resettable: ClassVar[bool] = False
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
@@ -66,6 +68,8 @@ class Block(Refusals):
                 raise TypeError(f"{cls.__name__}: {base.__name__} is final; derive from {base.__mro__[1].__name__} instead")
         cls.abstract = abstract
         cls.__repr__ = Block.__repr__  # type: ignore[method-assign]  # or dataclass writes one that recurses
+        if "." in type_name(cls):
+            cls.source = source_of(cls)  # now: the file may change while its classes live on
         if not abstract:
             registry[type_name(cls)] = cls
 

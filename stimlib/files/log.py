@@ -162,7 +162,7 @@ class LogWriter:
             self._line(event)
 
     def close(self, report: Mapping[str, Any] | None = None) -> None:
-        """End the log; with a report (JSON data), as a clean end."""
+        """End the log; with a report (JSON data with the number of samples ``produced``), as a clean end."""
         try:
             if self._error is None and not self._events.closed:
                 self._hash()

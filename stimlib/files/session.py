@@ -272,6 +272,10 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     produced = int(report["produced"]) if report is not None and COUNT(report.get("produced")) else end
     if produced != end:
         notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
+    if report is not None:
+        if not COUNT(report.get("produced")):
+            notes.append("the report has no number of samples produced")
+        produced = max(produced, seen[-1].to if seen else 0)  # a session that ended has both of each sample
     if isinstance(motion, MotionFile):
         more = motion.beyond(seen[-1].to if seen else 0)
         if report is not None and more > 0:  # a session that ended has all of it under a hash

@@ -639,6 +639,21 @@ def test_import_is_light():
     assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
 
 
+@pytest.mark.parametrize("report", [{}, {"produced": 7}, {"produced": "many"}])
+def test_a_log_that_lost_its_end_is_no_clean_end(session, tmp_path, report):
+    """Whatever its report says: the motion goes further than what was delivered."""
+    shutil.copytree(session[0], tmp_path / "a")
+    lines = (tmp_path / "a" / "events.jsonl").read_text().splitlines(keepends=True)
+    last = max(i for i, line in enumerate(lines) if '"hash"' in line)
+    kept = [line for i, line in enumerate(lines) if i < last or '"motion"' in line]
+    (tmp_path / "a" / "events.jsonl").write_text("".join(kept))
+    (tmp_path / "a" / "report.json").write_text(json.dumps(report))
+    log = read_log(tmp_path / "a")
+    assert ("the report has no number of samples produced" in log.notes) == (report.get("produced") != 7)
+    assert log.logged == 8000 > log.frames
+    assert not replay(log).matches and not verify_log(log).passed
+
+
 # -- sessions of a real sink
 
 
