@@ -372,7 +372,7 @@ TABLE += [
     Entry("springpot_chi", "NotBelowZero", lambda y, c: b.springpot(y, abs(c), 0.35), (squeeze, normal)),
     Entry("springpot_bound", "Accuracy", lambda y, c: b.springpot(y, 25.0, 0.35, contact=c > 0.0, certificate=True)[1],
         (squeeze, held)),
-    Entry("springpot_path", "PathLength", lambda y, c: PathLength(y, c > 0.0, "step"), (squeeze, held)),
+    Entry("springpot_path", "PathLength", lambda y, c: PathLength(y, c < 0.0, "step"), (squeeze, held)),
     Entry("springpot_downsampled", "Downsampled",
         lambda y, c: b.springpot(y, 25.0, 0.35, "gl-downsampled", horizon=80.0, contact=c > 0.0), (squeeze, held),
         rates=(1000.0,)),

@@ -332,6 +332,7 @@ EDITS = {
     "log, ramp": lambda d: d["log"][0].update(ramp=0.1),
     "log, at": lambda d: d["log"][0].update(at=100),
     "log, lost": lambda d: d.update(log=[]),
+    "log, one more, late": lambda d: d["log"].append({"at": 5, "name": "k", "value": 1800.0, "ramp": 0.0}),
     "motion, an input less": lambda d: d["motion"].pop("x2"),
     "scene, k": other_k,
     "scene, law": lambda d: d["scene"].update(law=None),

@@ -9,7 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -18,12 +21,15 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import cli, demo
+from stimlib.analysis import picture
 from stimlib.analysis.listen import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import scene_of
 from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
+from stimlib.devices import available, loopback
 from stimlib.files import audio as file
+from stimlib.files.sidecar import told
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.text import parse_motion
 
@@ -42,18 +48,20 @@ def number():
 """
 
 
-def test_render_writes_what_the_library_renders(tmp_path):
-    out = tmp_path / "a.wav"
+def test_render_writes_and_draws_what_the_library_renders(tmp_path, monkeypatch):
+    out, drawn = tmp_path / "a.wav", []
+    monkeypatch.setattr(picture, "picture", lambda rendering, path: drawn.append((rendering.y.tobytes(), path)))
     words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.01)", "--motion", "x2=sinusoid(0.001, 5)"]
     done = run.invoke(
         app,
-        [*words, "--seconds", "0.5", "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"],
+        [*words, "--seconds", "0.5", "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"]
+        + ["--picture", str(tmp_path / "a.png")],
     )
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
     motion = {"x1": minimum_jerk(depth=0.01), "x2": sinusoid(0.001, 5.0)}
     wanted = stimlib.render(stimlib.scenes.squeeze(), motion, 4000, 0.5, {"k": 1000.0}, seed=3)
-    assert y.tobytes() == wanted.y.tobytes()
+    assert y.tobytes() == wanted.y.tobytes() and drawn == [(y.tobytes(), tmp_path / "a.png")]
     assert sidecar["params"]["k"] == 1000.0 and sidecar["seed"] == 3
 
 
@@ -684,10 +692,13 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     ):
         done = run.invoke(app, [*words, *more])
         assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
-    done = run.invoke(app, [*words, "--time", "t_ms*1e-3", "--repeats", "spread", "--max-gap", "0.1", "--subtype", "DOUBLE"])
+    how = ["--time", "t_ms*1e-3", "--repeats", "spread", "--max-gap", "0.1", "--max-speed", "2", "--reports", "on_change"]
+    done = run.invoke(app, [*words, *how, "--subtype", "DOUBLE"])
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
-    assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9) and "repeats='spread'" in sidecar["motion"]["x"]
+    assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9)
+    for option in ("time='t_ms*1e-3'", "repeats='spread'", "max_gap=0.1", "max_speed=2.0", "reports='on_change'"):
+        assert option in sidecar["motion"]["x"]
 
 
 @pytest.mark.parametrize(("full_scale", "says"), [
@@ -767,6 +778,26 @@ def test_devices_says_what_there_is_and_how_to_get_the_rest():
     assert any(line.split()[1] == "portaudio" for line in lines)
 
 
+def test_what_is_asked_of_a_server_reaches_it(monkeypatch):
+    asked = {}
+
+    def compare(scene, safety, fs, seconds, **options):
+        asked.update(options, fs=fs, seconds=seconds, full_scale=safety.full_scale)
+        return SimpleNamespace(passed=True)
+
+    monkeypatch.setattr(available, "devices", lambda server=None: asked.update(looked=server) or [])
+    monkeypatch.setattr(loopback, "loopback", compare)
+    words = "--motion minimum_jerk() --full-scale 50 --seconds 2 --fs 4000 --device lab --connect none --capture in_1"
+    more = "--channels 3 --tolerance 0.2 --set k=1000 --seed 7 --log a.stimlog"
+    for command in ("devices --server lab", f"loopback squeeze(fingers=1) {words} {more}"):
+        done = run.invoke(app, command.split())
+        assert done.exit_code == 0, done.output
+    assert asked.pop("motion").keys() == {"x1"} and asked == {
+        "looked": "lab", "server": "lab", "fs": 4000.0, "seconds": 2.0, "full_scale": 50.0, "connect": None, "capture": ["in_1"],
+        "channels": 3, "tolerance": 0.2, "params": {"k": 1000.0}, "seed": 7, "log": Path("a.stimlog")
+    }  # fmt: skip
+
+
 @needs_jack
 def test_play_and_loopback_on_a_server():
     from stimlib.devices.jack import JackSink
@@ -806,6 +837,17 @@ def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkey
     assert "new/folder/[b]squeeze.wav" in done.stdout and "a spring" in done.stdout and (tmp_path / "new" / "folder").is_dir()
 
 
+def test_demo_writes_each_file_with_its_full_scale(tmp_path, monkeypatch):
+    for name in ("render", "verify", "picture"):
+        monkeypatch.setattr(demo, name, MagicMock())
+    monkeypatch.setattr(demo, "listen", lambda *given: SimpleNamespace(peak={"force": 1.0}))
+    monkeypatch.setattr(demo, "compile", partial(stimlib.compile, target="python"))
+    monkeypatch.setattr(demo, "SECONDS", 0.01)
+    s = demo.STIMULI[1]
+    path = demo.show(tmp_path, s).files[0][0]
+    assert [c["full_scale"] for c in told(path)["channels"]] == [s.full_scale]
+
+
 def test_demo_refuses_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("mine")
     done = run.invoke(app, ["demo", str(tmp_path / "file")])
@@ -820,3 +862,5 @@ def test_demo_stays_within_full_scale_and_vibrates(s):
     assert np.abs(vibration(y[s.output], demo.FS)).max() > 1e-3 * np.abs(y.y).max()
     motion = {n: parse_motion(repr(m)) for n, m in s.motion.items()}  # as stimlib verify reads it from the sidecar
     assert motion == s.motion
+    let_go = np.arange(4.5, demo.SECONDS, 1 / demo.FS)
+    assert len({m(let_go).tobytes() for m in motion.values()}) == len(motion), "each encoder toggles on its own"

@@ -51,9 +51,10 @@ def test_inverting_the_displacement_beats_interpolating_gains():
     assert np.abs(gains * mode(SWEEP) - 1).max() > 10 * np.abs(ours - 1).max()
 
 
-def test_many_knots_get_a_spline():
-    knots = np.linspace(0.0, 0.1, 7)
-    one, other = (run(equalize(X, (knots, mode(knots)), kind=kind)) for kind in (None, "cubic"))
+@pytest.mark.parametrize(("n", "meant"), [(6, "polynomial"), (7, "cubic")])
+def test_up_to_six_knots_get_a_polynomial_and_more_a_spline(n, meant):
+    knots = np.linspace(0.0, 0.1, n)
+    one, other = (run(equalize(X, (knots, mode(knots)), kind=kind)) for kind in (None, meant))
     assert_same(one, other)
 
 

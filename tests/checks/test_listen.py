@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib.analysis.listen import FADE, PEAK, listen, vibration
+from stimlib.analysis.listen import listen, vibration
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files import audio
 
@@ -25,8 +25,10 @@ def test_a_tone_on_a_ramp_becomes_the_tone_alone_at_half_scale(rendering, tmp_pa
     y, sidecar = audio.read(report.path)
     middle = slice(200, -200)
     assert np.abs(y[0] - 1000 * TONE)[middle].max() < 1e-4  # of 0.01 N on 40 N
-    assert np.abs(y).max() / sidecar["channels"][0]["full_scale"] == pytest.approx(PEAK, rel=1e-6)
-    assert np.abs(y[0, [0, -1]]).max() < 2 * np.abs(y).max() / (FADE * FS)  # faded, or it would click
+    assert np.abs(y).max() / sidecar["channels"][0]["full_scale"] == pytest.approx(0.5, rel=1e-6)  # -6 dBFS
+    ramp = np.minimum(np.arange(1, T.size + 1) / (0.01 * FS), 1.0)  # or it would click
+    whole = vibration(rendering["force"], FS)
+    np.testing.assert_allclose(y[0], ramp * ramp[::-1] * whole, rtol=0, atol=1e-6 * np.abs(y).max())
 
 
 def test_a_copy_is_not_verified_as_the_stimulus(rendering, tmp_path):
@@ -44,6 +46,12 @@ def test_what_cannot_be_heard_is_refused_and_nothing_is_written(rendering, tmp_p
         with pytest.raises(BadValue, match="below fs/2 = 1000 Hz"):
             listen(rendering, "force", tmp_path / "a.wav", cutoff)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("f", "least", "most"), [(10, 0.0, 0.005), (20, 0.49, 0.51), (40, 0.99, 1.01)])
+def test_the_cutoff_halves_and_an_octave_below_takes_48_dB(f, least, most):
+    y = vibration(np.sin(2 * np.pi * f * T), FS, cutoff=20.0)
+    assert least <= np.abs(y[T.size // 4 : -T.size // 4]).max() <= most
 
 
 def test_a_signal_of_a_few_samples_has_a_vibration_too():

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.picture import Signals, close_by, over_time, picture, rows_of
+from stimlib.analysis.picture import Against, Signals, against, close_by, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -48,6 +48,26 @@ def test_every_finger_is_drawn_over_its_own_position():
     over = [ax for ax in fig.axes if "over position" in ax.get_title()]
     assert [(ax.get_title(), ax.get_ylabel()) for ax in over] == [("over position, x", "thumb"), ("over position, z", "index")]
     assert [np.nanmax([line.get_xdata() for line in ax.lines]) for ax in over] == pytest.approx([0.01, 0.02], rel=1e-2)
+
+
+def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
+    there = 0.005 * (1 - np.cos(2 * np.pi * T))  # there for half a second, and back
+    burst = 1e-4 * np.sin(2 * np.pi * 100 * T) * np.exp(-(((T - 0.7) / 0.05) ** 2))
+    fig = Figure()
+    close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": there}, {"force": 1000 * (there + burst)}), {})
+    t, y = fig.axes[0].lines[0].get_data()
+    assert t[np.abs(y).argmax()] == pytest.approx(0.7, abs=0.01) and np.ptp(t) == pytest.approx(0.06, rel=0.05)
+    seen = {line.get_label(): np.isfinite(line.get_ydata()) for line in fig.axes[1].lines}
+    for way, part in (("forwards", slice(10, 990)), ("back, or held", slice(1030, None))):
+        assert seen[way][part].all() and seen[way].sum() <= part.indices(FS)[1] - part.start + 40
+
+
+def test_curves_of_a_spectrum_are_what_the_legend_says():
+    f = np.geomspace(1, 1000, 200)
+    a, ax = Against("spectrum", "N", f, measured=2 / f, law=1 / f, low=0.5 / f, high=3 / f), Figure().add_subplot()
+    against(ax, a)
+    drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
+    assert np.array_equal(drawn["law"], a.law) and np.array_equal(drawn["rendered"], a.measured)
 
 
 def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):

@@ -72,6 +72,10 @@ def test_a_rendering_of_something_else_is_refused(tmp_path):
         stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, path)
     with pytest.raises(BadValue, match="another scene"):
         stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, stimlib.render(scene, MOTION, 8000, 0.1))
+    r = stimlib.render(scene, MOTION, 8000, 0.1)
+    for wrong in ({"outputs": r.outputs[::-1]}, {"y": r.y[:1]}, {"y": r.y.astype(np.float32)}):
+        with pytest.raises(BadValue, match="has not the scene's outputs, force1, force2"):
+            stimlib.verify(scene, MOTION, dc.replace(r, **wrong))
     assert not stimlib.verify(scene, MOTION | {"x1": minimum_jerk(depth=0.019)}, path).passed
 
 

@@ -89,10 +89,12 @@ def test_the_command_takes_a_recording(tmp_path, monkeypatch):
 
 
 def test_the_command_renders_the_experiment(tmp_path):
-    done = CliRunner().invoke(app, ["render-set", str(tmp_path / "set"), "--seconds", "0.05", "--seed", "7"])
+    words = ["--seconds", "0.05", "--seed", "7", "--repetitions", "3"]
+    done = CliRunner().invoke(app, ["render-set", str(tmp_path / "set"), *words])
     assert done.exit_code == 0, done.output
     index = json.loads((tmp_path / "set" / "index.json").read_text())
-    assert len(index["files"]) == 81 and [len(p) for p in index["presentation"]] == [81] * 4
+    names = list(index["files"])
+    assert index["presentation"] == [[names[i] for i in one] for one in order(81, 3, seed=7)]
     assert all((tmp_path / "set" / name).is_file() for name in index["files"].values())
     name = "sawtooth_18_0.2_7.5V"
     _, sidecar = file.read(tmp_path / "set" / index["files"][name])

@@ -184,6 +184,7 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
         (told, kept[told.name].replace(b'"frames": 80000', b'"frames": 80'), "has 4000 of 80 frames"),
         (part, b"", "has no samples yet, or was damaged"),
         (part, kept[part.name][:100], "nothing to recover"),
+        (part, kept[part.name][:-8] + np.float64(np.nan).tobytes(), "not finite"),
     ]:
         name.write_bytes(junk)
         with pytest.raises(SinkError, match=says):

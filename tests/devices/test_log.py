@@ -124,6 +124,19 @@ def test_a_session_with_changes_and_losses_replays(session, tmp_path):
     assert at == sorted(at)
     hidden = [(a, len(f)) for a, f, given in delivered(log, 100) if not given]
     assert sum(n for _, n in hidden) == 579 and all(any(b <= a < b + n for b, n in LOST) for a, _ in hidden)
+    told = lines_of(folder)
+    rewrite(folder, sorted(told, key=lambda e: -e["at"] * (e["kind"] == "set")))  # the last change told first
+    again = read_log(folder)
+    assert again.changes == log.changes and replay(again).matches
+
+
+def test_each_channel_of_a_replay_has_the_full_scale_of_its_output(tmp_path):
+    scene = Scene({"force": constant(1000.0, "N/m") * Input("x", "m"), "place": 1.0 * Input("x", "m")})
+    frames = play(tmp_path / "a", scene, Safety({"force": 16.0, "place": 0.1}), motion(1000), sets=[(0, GAIN, 1.0, 160)])
+    replay(read_log(tmp_path / "a"), tmp_path / "a.wav")
+    y, sidecar = file.read(tmp_path / "a.wav")
+    assert [(c["unit"], c["full_scale"]) for c in sidecar["channels"]] == [("N", 16.0), ("m", 0.1)]
+    assert np.array_equal(y, (frames.astype(float) * [16.0, 0.1]).T)
 
 
 def test_the_log_says_what_was_delivered_whatever_the_block(tmp_path):
@@ -161,6 +174,10 @@ def test_a_scene_without_inputs(tmp_path):
     assert not (tmp_path / "a" / "motion.f64").exists()
     log = read_log(tmp_path / "a")
     assert log.frames == 3000 and replay(log).matches and verify_log(log).passed
+    not_delivered = {"kind": "gap", "delivered": False}  # without motion a gap can be replayed
+    rewrite(tmp_path / "a", [e | not_delivered if e["kind"] == "lost" else e for e in lines_of(tmp_path / "a")])
+    gap = read_log(tmp_path / "a")
+    assert gap.lost == log.lost and (replay(gap).frames, replay(gap).lost, replay(gap).matches) == (3000, 30, True)
 
 
 def test_motion_that_is_not_finite_is_kept_and_replays(tmp_path):
@@ -429,6 +446,7 @@ def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
         ({"channels": ["nothing"]}, "channels must be names of outputs"),
         ({"channels": []}, "1 to 1024"),
         ({"inputs": ["y"]}, "inputs must be of x"),
+        ({"inputs": ["x", "x"]}, "an input is there twice"),
         ({"fs": float("nan")}, "fs must be"),
         ({"safety": {"full_scale": -1}}, "above 0"),
         ({"safety": {"surprise": 1}}, "safety cannot be used"),
@@ -458,6 +476,9 @@ def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
             with pytest.raises(BadValue):
                 call()
         log.event(np.int64(10), "note", value=np.float64(3), n=np.int32(4))
+        log.event(500, "lost", frames=100)  # ahead of what was delivered
+        with pytest.raises(BadValue, match="frames up to 600 are accounted for"):
+            log.event(550, "lost", frames=100)
     with pytest.raises(SinkError, match="is closed"):
         log.event(3, "note")
     log.close()
