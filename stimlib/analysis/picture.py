@@ -137,9 +137,9 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     inputs = {name: np.asarray(m(t) if callable(m) else m, np.float64)[:n] for name, m in rendering.motion.items()}
     s = Signals(rendering.scene, rendering.fs, inputs, {name: rendering[name] for name in rendering.outputs})
     above, below = heights(s)
-    fig: Any = Figure(figsize=(12, above + below))
+    fig: Any = Figure(figsize=(12, above + below), layout="constrained")
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
-    over_time(top, rows_of(s), s.fs, above)
+    over_time(top, rows_of(s), s.fs)
     close_by(bottom, s, spectra or {})
     return fig
 
@@ -190,9 +190,9 @@ def rows_of(s: Signals) -> list[Row]:
     return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
 
 
-def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 0) -> None:
-    """A panel for each row, of samples from ``start`` on, in a figure so many inches high."""
-    axes = panels(fig, len(rows), 1, height, hspace=0.15, sharex=True)[:, 0]
+def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
+    """A panel for each row, of samples from ``start`` on."""
+    axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
     for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
         curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
         _axes(ax, name, unit, most=10)
@@ -200,26 +200,15 @@ def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
-    """A row for each output: the vibration where it is largest, the course over position, the spectrum."""
-    rows = list(islice(s.outputs, MOST))
-    grid = panels(fig, len(rows), 3, heights(s)[1], hspace=0.65)
-    for (left, middle, right), name in zip(grid, rows, strict=True):
+    """A row for each output: the vibration where it is largest, the course over position if it follows one, the spectrum."""
+    names = list(islice(s.outputs, MOST))
+    for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
+        source = s.position(name)
+        left, *middle, right = row.subplots(1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06})
         _vibration(left, s, name)
-        _over_position(middle, s, name)
+        for ax in middle:
+            _over_position(ax, s, name, source)
         against(right, spectra[name]) if name in spectra else _density(right, s, name)
-
-
-def panels(fig: Any, rows: int, columns: int, height: float, hspace: float, **more: Any) -> Any:
-    """Panels with fixed margins, in inches above and below: a layout that measures all text takes ten times as long."""
-    room = {
-        "left": 0.09,
-        "right": 0.98,
-        "top": 1 - (0.55 if columns > 1 else 0.1) / height,
-        "bottom": 0.5 / height,
-        "hspace": hspace,
-        "wspace": 0.32,
-    }
-    return fig.subplots(rows, columns, squeeze=False, gridspec_kw=room, **more)
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
@@ -255,11 +244,7 @@ def _vibration(ax: Any, s: Signals, name: str) -> None:
     ax.set(xlabel="time / s", title="vibration, where it is largest", xmargin=0)
 
 
-def _over_position(ax: Any, s: Signals, name: str) -> None:
-    source = s.position(name)
-    if source is None:
-        ax.set_axis_off()
-        return
+def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
     x, y = s.inputs[source], s.outputs[name]
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.picture import Signals, close_by, over_time, picture, rows_of
+from stimlib.analysis.picture import Signals, close_by, figure, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -32,9 +32,9 @@ def labels(draw):
 
 def test_signals_share_a_panel_only_where_they_are_the_same():
     outputs = ["thumb", "index", "noise"]
-    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS, 5.0)) == ["x = z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS)) == ["x = z", "contact", *outputs]
     other = SAME | {"z": 0.02 * T}
-    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS, 5.0)) == ["x", "z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS)) == ["x", "z", "contact", *outputs]
 
 
 def test_an_output_with_the_name_of_an_input_hides_it_not():
@@ -48,6 +48,28 @@ def test_every_finger_is_drawn_over_its_own_position():
     over = [ax for ax in fig.axes if "over position" in ax.get_title()]
     assert [(ax.get_title(), ax.get_ylabel()) for ax in over] == [("over position, x", "thumb"), ("over position, z", "index")]
     assert [np.nanmax([line.get_xdata() for line in ax.lines]) for ax in over] == pytest.approx([0.01, 0.02], rel=1e-2)
+
+
+def test_no_text_of_a_panel_meets_another_panel():
+    scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
+    fig = figure(stimlib.render(scene, {"x": 5e-4 * T + 1e-4 * np.sin(300 * T)}, FS, target="python"))
+    fig.draw_without_rendering()
+    _, left, middle, _ = (ax.get_ylabel() for ax in fig.axes[1:])
+    assert left.startswith("force_of_the_thumb, above") and middle == "force_of_the_thumb"
+    for ax in fig.axes:
+        texts = [ax.xaxis.label, ax.yaxis.label, ax.title, *ax.get_xticklabels(), *ax.get_yticklabels()]
+        for other in fig.axes:
+            frame = other.get_window_extent()
+            assert other is ax or not any(text.get_window_extent().overlaps(frame) for text in texts if text.get_text())
+
+
+def test_panels_without_a_position_fill_their_row():
+    fig = Figure(figsize=(12, 9), layout="constrained")
+    close_by(fig, signals(SAME), {})
+    fig.draw_without_rendering()
+    rows = [fig.axes[:3], fig.axes[3:6], fig.axes[6:]]
+    assert [len(row) for row in rows] == [3, 3, 2]  # the noise follows none
+    assert rows[2][0].get_position().width > 1.3 * rows[0][0].get_position().width
 
 
 def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):
