@@ -22,7 +22,7 @@ from ..core.graph import Input, reach
 from ..core.scene import Scene
 from ..errors import SinkError, shown
 from ..run.rendering import Rendering
-from .listen import vibration
+from .listen import CUTOFF, vibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 POINTS = 1500  # per curve: more cannot be seen
 MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
-SLOW = 20.0  # Hz: what is slower is no vibration
 
 
 class Against(NamedTuple):
@@ -206,8 +205,8 @@ def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
         source = s.position(name)
         left, *middle, right = row.subplots(1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06})
         _vibration(left, s, name)
-        for ax in middle:
-            _over_position(ax, s, name, source)
+        if source is not None:
+            _over_position(middle[0], s, name, source)
         against(right, spectra[name]) if name in spectra else _density(right, s, name)
 
 
@@ -235,12 +234,14 @@ def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) 
 
 def _vibration(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
-    fast = vibration(y, s.fs, SLOW) if s.fs > 2 * SLOW else y
+    fast = vibration(y, s.fs) if s.fs > 2 * CUTOFF else y
     half = max(1, round(CLOSEUP * s.fs / 2))
-    at = min(max(int(np.abs(fast).argmax()), half), max(half, y.size - half))
+    edge = half + round(s.fs / CUTOFF / 2)  # within half a period of the ends slow and fast are not told apart
+    edge = edge if y.size > 2 * edge else 0
+    at = edge + int(np.abs(fast[edge : y.size - edge]).argmax())
     part = slice(max(0, at - half), at + half)
     curve(ax, np.arange(y.size)[part] / s.fs, fast[part], color="C1")
-    _axes(ax, f"{name}, above {SLOW:g} Hz", s.unit(name))
+    _axes(ax, f"{name}, above {CUTOFF:g} Hz", s.unit(name))
     ax.set(xlabel="time / s", title="vibration, where it is largest", xmargin=0)
 
 

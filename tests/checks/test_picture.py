@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
+from stimlib.analysis.listen import CUTOFF
 from stimlib.analysis.picture import Signals, close_by, figure, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
@@ -70,6 +71,14 @@ def test_panels_without_a_position_fill_their_row():
     rows = [fig.axes[:3], fig.axes[3:6], fig.axes[6:]]
     assert [len(row) for row in rows] == [3, 3, 2]  # the noise follows none
     assert rows[2][0].get_position().width > 1.3 * rows[0][0].get_position().width
+
+
+def test_the_close_up_is_taken_away_from_the_ends():
+    scene = stimlib.Scene({"y": 1.0 * X})
+    fig = Figure()
+    tone = np.exp(-3 * T) * np.cos(2 * np.pi * 160 * T)  # largest at its start
+    close_by(fig, Signals(scene, FS, {"x": tone}, {"y": tone}), {})
+    assert 0.5 / CUTOFF <= fig.axes[0].lines[0].get_xdata()[0] < 0.5 / CUTOFF + 2 / 160
 
 
 def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):
