@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 POINTS = 1500  # per curve: more cannot be seen
 MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
+FLOOR = 1e-12  # of the top: what of a spectrum is below is rounding
 
 
 class Against(NamedTuple):
@@ -75,6 +76,8 @@ class Signals(NamedTuple):
 
 def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None) -> None:
     """Draw a rendering: each signal over time; of each output its vibration in close-up, its course over position, its spectrum.
+
+    Vibration is what ``stimlib.analysis.listen.vibration`` leaves. A spectrum ends 12 decades below its top.
 
     Parameters
     ----------
@@ -272,14 +275,20 @@ def _density(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
         f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
-    ax.loglog(f[1:], np.maximum(S[1:], 1e-30), lw=0.9, color="C1")
+    S = np.maximum(S[1:], 1e-30)
+    ax.loglog(f[1:], S, lw=0.9, color="C1")
     _spectral(ax, s.unit(name), f"spectrum of {name}")
+    if S.size and np.isfinite(S).all():
+        ax.set_ylim(bottom=max(0.3 * S.min(), FLOOR * S.max()))
 
 
 def against(ax: Any, a: Against) -> None:
-    """A spectrum, the law's, and the band between which a correct rendering lies."""
+    """A spectrum, the law's, and the band between which a correct rendering lies; in the legend where it can be seen."""
     bands = a.f.size < 100
-    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct")
+    bottom = max(1e-30, FLOOR * a.law.max(), 0.3 * min(a.low.min(), a.measured.min()))
+    decades = np.log10(np.maximum([a.low, a.high, a.measured], bottom))
+    seen = (decades[1] - decades[0] > 0.03 * np.ptp(decades)).mean() > 0.02  # wider than the lines, at some frequencies
+    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct" if seen else None)
     ax.loglog(
         a.f,
         a.measured,
@@ -289,7 +298,7 @@ def against(ax: Any, a: Against) -> None:
     )
     ax.loglog(a.f, a.law, "--", color="C3", lw=0.8, label="law")  # thin, on the wide one
     _spectral(ax, a.unit, a.title)
-    ax.set_ylim(bottom=max(1e-30, 1e-12 * a.law.max(), 0.3 * min(a.low.min(), a.measured.min())))
+    ax.set_ylim(bottom=bottom)
     _legend(ax)
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.analysis.listen import CUTOFF
-from stimlib.analysis.picture import Signals, close_by, figure, over_time, picture, rows_of
+from stimlib.analysis.picture import Against, Signals, against, close_by, figure, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -60,7 +60,7 @@ def test_no_text_of_a_panel_meets_another_panel():
     for ax in fig.axes:
         texts = [ax.xaxis.label, ax.yaxis.label, ax.title, *ax.get_xticklabels(), *ax.get_yticklabels()]
         for other in fig.axes:
-            frame = other.get_window_extent()
+            frame = other.get_window_extent().padded(3)  # pixels
             assert other is ax or not any(text.get_window_extent().overlaps(frame) for text in texts if text.get_text())
 
 
@@ -71,6 +71,23 @@ def test_panels_without_a_position_fill_their_row():
     rows = [fig.axes[:3], fig.axes[3:6], fig.axes[6:]]
     assert [len(row) for row in rows] == [3, 3, 2]  # the noise follows none
     assert rows[2][0].get_position().width > 1.3 * rows[0][0].get_position().width
+
+
+def test_a_spectrum_is_drawn_down_to_twelve_decades_below_its_top():
+    fig = Figure()
+    close_by(fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": T}, {"y": np.sin(40 * T) ** 3}), {})
+    low, high = fig.axes[-1].get_ylim()
+    y = fig.axes[-1].lines[0].get_ydata()
+    assert y.min() < low == pytest.approx(1e-12 * y.max()) and high > y.max()
+
+
+def test_the_legend_has_the_band_only_where_it_can_be_seen():
+    f = np.arange(1.0, 300.0)
+    law = 1e-6 / f
+    for width, seen in ((1e-6, False), (0.5, True)):
+        ax = Figure().subplots()
+        against(ax, Against("", "N", f, law, law, law * (1 - width), law * (1 + width)))
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["correct"] * seen + ["rendered", "law"]
 
 
 def test_the_close_up_is_taken_away_from_the_ends():
