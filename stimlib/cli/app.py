@@ -75,7 +75,7 @@ def friendly() -> Iterator[None]:
     """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("default", RuntimeWarning)
+            warnings.simplefilter("once", RuntimeWarning)
             warnings.showwarning = lambda message, *_, **__: note(message)
             yield
     except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
