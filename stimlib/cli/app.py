@@ -10,7 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from typing import Annotated, Any
 
 import typer
@@ -75,8 +75,9 @@ def friendly() -> Iterator[None]:
     """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("once", RuntimeWarning)
-            warnings.showwarning = lambda message, *_, **__: note(message)
+            warnings.simplefilter("default", RuntimeWarning)
+            once = cache(note)  # the same words from two places are one warning
+            warnings.showwarning = lambda message, *_, **__: once(str(message))
             yield
     except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
         raise
