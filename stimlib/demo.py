@@ -50,7 +50,7 @@ STIMULI = (
         "force1",
         "two fingers squeeze a spring that vibrates",
         "the vibration beside the force; the spectrum within its band",
-        "four bursts: it vibrates while it is loaded, not while it is held or let go",
+        "four bursts: it vibrates while it is loaded; held or let go, only steps of the encoder are left",
     ),
     Stimulus(
         bumps,
@@ -131,11 +131,11 @@ def show(folder: Path, s: Stimulus) -> Shown:
     proof = verify(scene, s.motion, wav)
     proof.to_html(page, shlex.join(["stimlib", "verify", name, "--wav", str(wav), "--report", str(page)]))
     picture(rendering, png, proof.spectra())
-    unit, (heard,) = scene.outputs[s.output].dim, copy.peak.values()
+    unit, ((label, heard),) = scene.outputs[s.output].dim, copy.peak.items()
     checks = f"{sum(c.passed for c in proof.checks)} of {len(proof.checks)} checks passed"
     files = [
         (wav, s.what, f"1.0 in the file is {s.full_scale:g} {unit}; {wav.name}.json has what it takes to make it again"),
-        (ears, f"its vibration, {heard:.2f} {unit} of {report.peak[s.output]:.1f} {unit}, for ears", s.hear),
+        (ears, f"{label}, {heard:.2g} {unit} of {report.peak[s.output]:.3g} {unit}, for ears", s.hear),
         (png, "its picture", s.look),
         (page, "its proof", f"{checks}; each line names what it compared"),
     ]

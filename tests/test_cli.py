@@ -701,6 +701,13 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
         assert option in sidecar["motion"]["x"]
 
 
+def test_render_tells_once_of_millimetres_taken_for_metres(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", "minimum_jerk(depth=20)", "--seconds", "0.2"]
+    done = run.invoke(app, [*words, "--out", str(tmp_path / "a.wav"), "--picture", str(tmp_path / "a.png"), "--quiet"])
+    assert done.exit_code == 0 and done.stderr.count("faster than a hand (1 m/s)") == 1
+
+
 @pytest.mark.parametrize(("full_scale", "says"), [
     ("1e7", "the peak uses 0.0001 % of full scale, and the file has steps of 1.2: write it with a full scale of about 10.1"),
     ("1001", "the peak uses 1 % of full scale, and the file has steps of 0.00012: write it with a full scale of about 10.1"),

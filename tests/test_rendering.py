@@ -8,6 +8,8 @@ import pytest
 import stimlib
 from stimlib import Input, Scene, blocks, render
 from stimlib.errors import BadValue, FaultError, SceneError, StimlibError
+from stimlib.files import audio
+from stimlib.motion.text import parse_motion
 
 x = Input("x", "m")
 SCENE = Scene({"force": 1.0 / (x - stimlib.constant(3.0, "m")), "good": x})
@@ -99,3 +101,38 @@ def test_what_is_no_scene(scene):
 def test_where_of_a_comparison_is_no_longer_a_constant():
     r = render(Scene({"y": blocks.where(x == 0, 10.0, 20.0)}), {"x": np.array([0.0, 1.0, 0.0])}, 1000)
     np.testing.assert_array_equal(r["y"], [10, 20, 10])
+
+
+# Motion --------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("motion", "speed"),
+    [
+        ("minimum_jerk(depth=20)", "124.6"),
+        ("quantised(constant_speed(2, 10), 1e-6)", "2"),
+        ("minimum_jerk(depth=0.15)", None),
+        ("staircase_hold(0.005, 10, 0.1)", None),  # a step within a sample is not the speed of a hand
+        ("jittered(minimum_jerk(), 1e-4, rate=900.0, seed=1)", None),
+    ],
+)
+def test_a_generator_that_is_faster_than_a_hand_is_told_once(motion, speed, tmp_path):
+    scene = Scene({"force": 2.0 * x, "other": 1.0 * Input("z", "m")})
+    both = dict.fromkeys("xz", parse_motion(motion))
+    proc = stimlib.compile(scene, 8000, target="python")
+    for make in (
+        lambda: render(scene, both, 8000, 0.5, target="python"),
+        lambda: audio.write(tmp_path / "a.wav", proc, both, 0.5, progress=False),
+    ):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            make()
+        fast = [str(w.message) for w in told if "faster than a hand" in str(w.message)]
+        says = [f"x moves at {speed} m/s, faster than a hand (1 m/s)"] if speed else []
+        assert [text[: text.index(":")] for text in fast] == says
+
+
+def test_samples_and_inputs_of_other_units_may_be_fast():
+    fast = parse_motion("minimum_jerk(depth=20)")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        render(Scene({"y": 2.0 * x}), {"x": fast(np.arange(1000) / 1000)}, 1000, target="python")
+        render(Scene({"y": 2.0 * Input("u", "V")}), {"u": fast}, 1000, 1.0, target="python")

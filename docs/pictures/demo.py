@@ -12,6 +12,7 @@ from stimlib.demo import FS, SECONDS, STIMULI
 
 mpl.rcParams.update({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9})
 fig = Figure(figsize=(11, 4.2), layout="constrained")
+fig.get_layout_engine().set(wspace=0.06)
 for (top, bottom), s in zip(fig.subplots(2, 3).T, STIMULI, strict=True):
     made = stimlib.render(s.make(), s.motion, FS, SECONDS)
     y, x = made[s.output], next(iter(s.motion.values()))(made.t)

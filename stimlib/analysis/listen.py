@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,21 +13,33 @@ from ..files.audio import write_frames
 from ..files.sidecar import FileReport
 from ..run.rendering import Rendering
 
+CUTOFF = 40.0  # Hz: what is slower is no vibration
+ORDER = 4
 PEAK = 0.5  # of full scale, -6 dBFS
 FADE = 0.01  # s at both ends, or they would click
 
 
-def vibration(y: ArrayLike, fs: float, cutoff: float = 20.0) -> np.ndarray:
-    """What a signal has above a frequency, without delay: a Butterworth high-pass, forwards and backwards.
+def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
+    """What a signal has above a frequency, without delay: the signal less a penalised spline through it.
+
+    Between its ends this is a Butterworth high-pass of order 4, forwards and backwards. At the ends nothing is assumed of
+    what lies beyond, so that a force that ends on its way leaves nothing. In the first and last half period of the cutoff
+    slow and fast cannot be told apart: a tone of 4 times the cutoff is wrong there by up to 0.65 of its amplitude in the
+    very last sample, and by 0.1 from a quarter period on.
+
+    The corners of a smooth force are not slow. Where the third derivative jumps by J they leave up to 0.14 J/(2 pi cutoff)**3:
+    above 40 Hz 0.8 mN of a minimum-jerk squeeze of 20 mm in 0.3 s on 2000 N/m, beside a vibration of 140 mN (0.6 %);
+    above 20 Hz it is 6 mN. Of a pulse that never falls below 0, as a bump's half waves, the mean is slow.
 
     Parameters
     ----------
     y : array_like, shape (n,)
-        A signal, in any unit.
+        A signal, in any unit. One shorter than 2/3 period of the cutoff has no slow part but a straight line.
     fs : float
         Sample rate in Hz.
     cutoff : float
-        In Hz; the amplitude there is halved, and falls by 48 dB per octave below.
+        In Hz; the amplitude there is halved, and falls by 48 dB per octave below.  By default 40 Hz, where flutter ends and
+        vibration begins (Talbot et al. 1968).
 
     Returns
     -------
@@ -38,6 +51,12 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = 20.0) -> np.ndarray:
     BadValue
         No cutoff between 0 and fs/2.
 
+    References
+    ----------
+    P. H. C. Eilers and B. D. Marx, "Flexible smoothing with B-splines and penalties", Statist. Sci. 11 (1996).
+    W. H. Talbot, I. Darian-Smith, H. H. Kornhuber and V. B. Mountcastle, "The sense of flutter-vibration", J. Neurophysiol. 31
+    (1968).
+
     Examples
     --------
     >>> import numpy as np
@@ -47,16 +66,35 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = 20.0) -> np.ndarray:
     >>> bool(abs(vibration(40 * t + tone, 8000) - tone)[800:-800].max() < 1e-4)
     True
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.linalg import solveh_banded
+    from scipy.signal import detrend, upfirdn
 
     if not 0 < cutoff < fs / 2:
         raise BadValue(f"cutoff = {cutoff!r} Hz must be above 0 and below fs/2 = {fs / 2:g} Hz")
     y = np.asarray(y, np.float64)
-    # odd extension by a period and a half, so that a ramp or a force that is held does not ring at the ends
-    return sosfiltfilt(butter(4, cutoff, "highpass", fs=fs, output="sos"), y, padlen=min(round(1.5 * fs / cutoff), y.size - 1))
+    step = max(1, round(fs / cutoff / 6))  # samples between two knots
+    if y.size <= ORDER * step:
+        return detrend(y)
+    spline = np.ones(1)
+    for _ in range(6):  # of degree 5
+        spline = np.convolve(spline, np.ones(step) / step)
+    pairs = [spline[: spline.size - d] * spline[d:] for d in range(0, spline.size, step)]  # of splines d samples apart
+    scale = np.abs(y).max() or 1.0  # sums of huge numbers are finite
+    want = upfirdn(spline, y / scale, down=step)
+    w = 2 * np.pi * cutoff * step / fs
+    level = pairs[0].sum() + 2 * sum(p.sum() * np.cos(w * d) for d, p in enumerate(pairs[1:], 1))
+    penalty = level / (2 * np.sin(w / 2)) ** (2 * ORDER)  # as much as the fit at the cutoff
+    a = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
+    matrix = np.zeros((max(len(pairs), ORDER + 1), want.size))
+    for d, pair in enumerate(pairs):
+        matrix[d, : want.size - d] += upfirdn(pair, np.ones(y.size), down=step)
+    for d in range(ORDER + 1):
+        matrix[d, : want.size - d] += penalty * np.convolve(np.ones(want.size - ORDER), a[: a.size - d] * a[d:])
+    c = solveh_banded(matrix, want, lower=True, check_finite=False)
+    return y - scale * upfirdn(spline, c, up=step)[spline.size - 1 :][: y.size]
 
 
-def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = 20.0) -> FileReport:
+def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF) -> FileReport:
     """Write a copy of one output for ears: the slow part removed, its peak at -6 dBFS, faded at both ends.
 
     It is for listening only: levels of two copies cannot be compared, and no device should be given one.
@@ -93,7 +131,7 @@ def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: f
     >>> squeezed = stimlib.render(stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}, fs=8000, seconds=1.0)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     copy = listen(squeezed, "force1", folder + "/squeeze-listen.wav")
-    >>> print(f"{copy.peak['force1 above 20 Hz']:.2f} N of {squeezed['force1'].max():.0f} N")
+    >>> print(f"{copy.peak['force1 above 40 Hz']:.2f} N of {squeezed['force1'].max():.0f} N")
     0.14 N of 40 N
     """
     whole = rendering[output]

@@ -22,7 +22,7 @@ from ..core.graph import Input, reach
 from ..core.scene import Scene
 from ..errors import SinkError, shown
 from ..run.rendering import Rendering
-from .listen import vibration
+from .listen import CUTOFF, vibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 POINTS = 1500  # per curve: more cannot be seen
 MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
-SLOW = 20.0  # Hz: what is slower is no vibration
+FLOOR = 1e-12  # of the top: what of a spectrum is below is rounding
 
 
 class Against(NamedTuple):
@@ -76,6 +76,8 @@ class Signals(NamedTuple):
 
 def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None) -> None:
     """Draw a rendering: each signal over time; of each output its vibration in close-up, its course over position, its spectrum.
+
+    Vibration is what ``stimlib.analysis.listen.vibration`` leaves. A spectrum ends 12 decades below its top.
 
     Parameters
     ----------
@@ -137,9 +139,9 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     inputs = {name: np.asarray(m(t) if callable(m) else m, np.float64)[:n] for name, m in rendering.motion.items()}
     s = Signals(rendering.scene, rendering.fs, inputs, {name: rendering[name] for name in rendering.outputs})
     above, below = heights(s)
-    fig: Any = Figure(figsize=(12, above + below))
+    fig: Any = Figure(figsize=(12, above + below), layout="constrained")
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
-    over_time(top, rows_of(s), s.fs, above)
+    over_time(top, rows_of(s), s.fs)
     close_by(bottom, s, spectra or {})
     return fig
 
@@ -190,9 +192,9 @@ def rows_of(s: Signals) -> list[Row]:
     return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
 
 
-def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 0) -> None:
-    """A panel for each row, of samples from ``start`` on, in a figure so many inches high."""
-    axes = panels(fig, len(rows), 1, height, hspace=0.15, sharex=True)[:, 0]
+def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
+    """A panel for each row, of samples from ``start`` on."""
+    axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
     for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
         curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
         _axes(ax, name, unit, most=10)
@@ -200,26 +202,15 @@ def over_time(fig: Any, rows: list[Row], fs: float, height: float, start: int = 
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
-    """A row for each output: the vibration where it is largest, the course over position, the spectrum."""
-    rows = list(islice(s.outputs, MOST))
-    grid = panels(fig, len(rows), 3, heights(s)[1], hspace=0.65)
-    for (left, middle, right), name in zip(grid, rows, strict=True):
+    """A row for each output: the vibration where it is largest, the course over position if it follows one, the spectrum."""
+    names = list(islice(s.outputs, MOST))
+    for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
+        source = s.position(name)
+        left, *middle, right = row.subplots(1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06})
         _vibration(left, s, name)
-        _over_position(middle, s, name)
+        if source is not None:
+            _over_position(middle[0], s, name, source)
         against(right, spectra[name]) if name in spectra else _density(right, s, name)
-
-
-def panels(fig: Any, rows: int, columns: int, height: float, hspace: float, **more: Any) -> Any:
-    """Panels with fixed margins, in inches above and below: a layout that measures all text takes ten times as long."""
-    room = {
-        "left": 0.09,
-        "right": 0.98,
-        "top": 1 - (0.55 if columns > 1 else 0.1) / height,
-        "bottom": 0.5 / height,
-        "hspace": hspace,
-        "wspace": 0.32,
-    }
-    return fig.subplots(rows, columns, squeeze=False, gridspec_kw=room, **more)
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
@@ -246,20 +237,18 @@ def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) 
 
 def _vibration(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
-    fast = vibration(y, s.fs, SLOW) if s.fs > 2 * SLOW else y
+    fast = vibration(y, s.fs) if s.fs > 2 * CUTOFF else y
     half = max(1, round(CLOSEUP * s.fs / 2))
-    at = min(max(int(np.abs(fast).argmax()), half), max(half, y.size - half))
+    edge = half + round(s.fs / CUTOFF / 2)  # within half a period of the ends slow and fast are not told apart
+    edge = edge if y.size > 2 * edge else 0
+    at = edge + int(np.abs(fast[edge : y.size - edge]).argmax())
     part = slice(max(0, at - half), at + half)
     curve(ax, np.arange(y.size)[part] / s.fs, fast[part], color="C1")
-    _axes(ax, f"{name}, above {SLOW:g} Hz", s.unit(name))
+    _axes(ax, f"{name}, above {CUTOFF:g} Hz", s.unit(name))
     ax.set(xlabel="time / s", title="vibration, where it is largest", xmargin=0)
 
 
-def _over_position(ax: Any, s: Signals, name: str) -> None:
-    source = s.position(name)
-    if source is None:
-        ax.set_axis_off()
-        return
+def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
     x, y = s.inputs[source], s.outputs[name]
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
@@ -286,14 +275,20 @@ def _density(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
         f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
-    ax.loglog(f[1:], np.maximum(S[1:], 1e-30), lw=0.9, color="C1")
+    S = np.maximum(S[1:], 1e-30)
+    ax.loglog(f[1:], S, lw=0.9, color="C1")
     _spectral(ax, s.unit(name), f"spectrum of {name}")
+    if S.size and np.isfinite(S).all():
+        ax.set_ylim(bottom=max(0.3 * S.min(), FLOOR * S.max()))
 
 
 def against(ax: Any, a: Against) -> None:
-    """A spectrum, the law's, and the band between which a correct rendering lies."""
+    """A spectrum, the law's, and the band between which a correct rendering lies; in the legend where it can be seen."""
     bands = a.f.size < 100
-    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct")
+    bottom = max(1e-30, FLOOR * a.law.max(), 0.3 * min(a.low.min(), a.measured.min()))
+    decades = np.log10(np.maximum([a.low, a.high, a.measured], bottom))
+    seen = (decades[1] - decades[0] > 0.03 * np.ptp(decades)).mean() > 0.02  # wider than the lines, at some frequencies
+    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct" if seen else None)
     ax.loglog(
         a.f,
         a.measured,
@@ -303,7 +298,7 @@ def against(ax: Any, a: Against) -> None:
     )
     ax.loglog(a.f, a.law, "--", color="C3", lw=0.8, label="law")  # thin, on the wide one
     _spectral(ax, a.unit, a.title)
-    ax.set_ylim(bottom=max(1e-30, 1e-12 * a.law.max(), 0.3 * min(a.low.min(), a.measured.min())))
+    ax.set_ylim(bottom=bottom)
     _legend(ax)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, panels, rows_of
+from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
 from ..core import regular
 from ..errors import shown
 
@@ -207,7 +207,7 @@ def _figures(e: Evidence):
         dict(zip(e.scene.outputs, e.shown, strict=True)),
     )
     above, below = heights(s)
-    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs, above), (12, above))
+    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
         _svg(lambda fig: close_by(fig, s, _spectra(e)), (12, below)),
@@ -223,7 +223,7 @@ def _svg(draw, size) -> str:
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):
-        fig = Figure(figsize=size)
+        fig = Figure(figsize=size, layout="constrained")
         draw(fig)
         out = io.StringIO()
         fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -233,7 +233,7 @@ def _svg(draw, size) -> str:
 
 def _fingers(fig, e):
     """A column for each finger, on the same scales."""
-    axes = panels(fig, 3, len(e.fingers), 5.0, hspace=0.1, sharex=True, sharey="row")
+    axes = fig.subplots(3, len(e.fingers), squeeze=False, sharex=True, sharey="row")
     t = np.arange(e.x.shape[1]) / e.fs
     for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
         curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color="C1")
@@ -251,7 +251,7 @@ def _curves(fig, s, e):
     """The motion, what was delivered, and what the law made of it, where it is best seen."""
     rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
     start = e.closeup.start or 0
-    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, 6.0, start)
+    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)
 
 
 def _spectra(e: Evidence) -> dict[str, Against]:

@@ -10,7 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from typing import Annotated, Any
 
 import typer
@@ -76,7 +76,8 @@ def friendly() -> Iterator[None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("default", RuntimeWarning)
-            warnings.showwarning = lambda message, *_, **__: note(message)
+            once = cache(note)  # the same words from two places are one warning
+            warnings.showwarning = lambda message, *_, **__: once(str(message))
             yield
     except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
         raise

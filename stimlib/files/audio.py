@@ -24,7 +24,7 @@ from ..core import definitions, regular
 from ..core.program import warn_beyond
 from ..core.progress import progress as bar
 from ..errors import BadValue, FaultError, SinkError, shown
-from ..motion.source import frames_of, sources_of
+from ..motion.source import frames_of, sources_of, warn_fast
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
@@ -111,6 +111,7 @@ def write(
     -----
     RuntimeWarning
         Samples pass full scale: a float format keeps them, and players and most sound cards clip them; FLAC has clipped them.
+        A generator moves faster than a hand, as for ``render``.
 
     Examples
     --------
@@ -130,6 +131,7 @@ def write(
     frames = frames_of(seconds, proc.fs)
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
+        warn_fast(sources, proc.scene, seconds)
         return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most)))
 
     return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)

@@ -23,6 +23,7 @@ from .batch import Array
 from .cubics import cubics
 from .generators import Motion
 from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
+from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion
 
@@ -169,7 +170,7 @@ def recording(
     contact: str | bool | None = None,
     reports: Literal["always", "on_change"] = "always",
     repeats: Literal["last", "mean", "spread"] | None = None,
-    max_speed: float | Mapping[str, float | None] | None = 1.0,
+    max_speed: float | Mapping[str, float | None] | None = HAND,
     max_gap: float | None = None,
     sha256: str | None = None,
 ) -> Recording:

@@ -2,19 +2,47 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from math import inf, isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.graph import NUMBERS
 from ..errors import BadValue, UnknownName
+from .generators import GENERATORS
+
+if TYPE_CHECKING:
+    from ..core.scene import Scene
 
 Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
 """Input name to position: a function of time (array of s), or samples at fs."""
+
+HAND = 1.0
+"""The largest speed of a hand, m/s."""
+
+
+def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float) -> None:
+    """Warn where a generator of metres moves faster than a hand, from 10 ms to 10 ms within its first 100 s.
+
+    Samples are what somebody measured or made, and recordings have their own ``max_speed``: neither is looked at.
+    """
+    t = np.arange(0.0, min(seconds, 100.0), 0.01)
+    for name, source in sources.items():
+        if type(source) in GENERATORS.values() and str(scene.inputs[name].dim) == "m":
+            with np.errstate(all="ignore"):
+                speed = float(np.abs(np.diff(source(t))).max(initial=0.0) / 0.01)
+            if speed > HAND:
+                warnings.warn(
+                    f"{name} moves at {speed:.4g} m/s, faster than a hand ({HAND:g} m/s): "
+                    f"check that the lengths of {type(source).__name__} are in m",
+                    RuntimeWarning,
+                    stacklevel=3,
+                )
+                return
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:

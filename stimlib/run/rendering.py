@@ -16,7 +16,7 @@ from ..core.bounds import limits
 from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, MissingPackage, UnknownName
-from ..motion.source import Motion, frames_of, sources_of
+from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from .processor import Processor
 from .walk import rows_of, samples, walk
 
@@ -293,6 +293,7 @@ def render(
     -----
     RuntimeWarning
         An output was not finite: from that sample on it fades out.  The run is longer than the horizon of a springpot.
+        A generator moves an input in m at more than 1 m/s: its depth is probably in mm.
 
     Raises
     ------
@@ -319,6 +320,7 @@ def render(
     frames, sources = _plan(proc, motion, seconds)
     limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
     warn_beyond(proc.program, proc.fs, frames)
+    warn_fast(sources, scene, frames / proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames)
     made = Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))
     made._tell(on_fault)

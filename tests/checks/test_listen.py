@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 import stimlib
+<<<<<<< HEAD
 from stimlib.analysis.listen import listen, vibration
+=======
+from stimlib.analysis.listen import CUTOFF, FADE, PEAK, listen, vibration
+>>>>>>> refs/heads/pics
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files import audio
+from stimlib.motion.generators import minimum_jerk
 
 FS = 2000
 X = stimlib.Input("x", "m")
@@ -38,7 +43,7 @@ def test_a_copy_is_not_verified_as_the_stimulus(rendering, tmp_path):
 
 
 def test_what_cannot_be_heard_is_refused_and_nothing_is_written(rendering, tmp_path):
-    with pytest.raises(BadValue, match="still has nothing above 20 Hz"):
+    with pytest.raises(BadValue, match="still has nothing above 40 Hz"):
         listen(rendering, "still", tmp_path / "a.wav")
     with pytest.raises(UnknownName, match="there is force, still"):
         listen(rendering, "x", tmp_path / "a.wav")
@@ -56,3 +61,37 @@ def test_the_cutoff_halves_and_an_octave_below_takes_48_dB(f, least, most):
 
 def test_a_signal_of_a_few_samples_has_a_vibration_too():
     assert vibration(np.ones(3), 8000).shape == (3,)
+
+
+def test_a_squeeze_without_vibration_leaves_less_than_a_hundredth_of_it():
+    for start in (0.0, 0.1, 0.15):  # also where the signal ends on the way
+        force = [
+            stimlib.render(
+                stimlib.scenes.squeeze(fingers=1), {"x1": lambda t, s=start: minimum_jerk()(t + s)}, 8000, 1.0, params={"A": A}
+            )
+            for A in (3.4, 0.0)
+        ]
+        true, left = np.abs(force[0].y - force[1].y).max(), np.abs(vibration(force[1]["force1"], 8000)).max()
+        assert true > 0.1 and left < 0.01 * true
+
+
+@pytest.mark.parametrize("fs", [100, 2000, 48000])
+def test_what_lies_beyond_the_ends_does_not_matter(fs):
+    t = np.arange(fs) / fs
+    assert np.abs(vibration(3 + 40 * t - 7 * t**2 + t**3, fs)).max() < 1e-10
+    if fs > 1000:
+        tone = np.cos(2 * np.pi * 4 * CUTOFF * t)
+        wrong = np.abs(vibration(40 * t + tone, fs) - tone)
+        assert wrong.max() < 0.65 and wrong[round(fs / CUTOFF / 4) : -round(fs / CUTOFF / 4)].max() < 0.1
+
+
+def test_a_signal_that_starts_with_vibration_has_no_transient():
+    pulses = np.maximum(np.sin(2 * np.pi * 158 * np.arange(8000) / 8000), 0)  # as of bumps
+    v = np.abs(vibration(pulses, 8000))
+    assert v[:400].max() < 1.1 * v[2000:6000].max()
+
+
+def test_the_amplitude_is_halved_at_the_cutoff():
+    t = np.arange(8000) / 8000
+    for f, gain in ((20, 0.004), (40, 0.5), (80, 0.996)):
+        assert np.abs(vibration(np.sin(2 * np.pi * f * t), 8000))[2000:6000].max() == pytest.approx(gain, abs=0.005)

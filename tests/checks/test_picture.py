@@ -7,7 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.picture import Against, Signals, against, close_by, over_time, picture, rows_of
+from stimlib.analysis.listen import CUTOFF
+from stimlib.analysis.picture import Against, Signals, against, close_by, figure, over_time, picture, rows_of
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -32,9 +33,9 @@ def labels(draw):
 
 def test_signals_share_a_panel_only_where_they_are_the_same():
     outputs = ["thumb", "index", "noise"]
-    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS, 5.0)) == ["x = z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS)) == ["x = z", "contact", *outputs]
     other = SAME | {"z": 0.02 * T}
-    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS, 5.0)) == ["x", "z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS)) == ["x", "z", "contact", *outputs]
 
 
 def test_an_output_with_the_name_of_an_input_hides_it_not():
@@ -68,6 +69,53 @@ def test_curves_of_a_spectrum_are_what_the_legend_says():
     against(ax, a)
     drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
     assert np.array_equal(drawn["law"], a.law) and np.array_equal(drawn["rendered"], a.measured)
+
+
+def test_no_text_of_a_panel_meets_another_panel():
+    scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
+    fig = figure(stimlib.render(scene, {"x": 5e-4 * T + 1e-4 * np.sin(300 * T)}, FS, target="python"))
+    fig.draw_without_rendering()
+    _, left, middle, _ = (ax.get_ylabel() for ax in fig.axes[1:])
+    assert left.startswith("force_of_the_thumb, above") and middle == "force_of_the_thumb"
+    for ax in fig.axes:
+        texts = [ax.xaxis.label, ax.yaxis.label, ax.title, *ax.get_xticklabels(), *ax.get_yticklabels()]
+        for other in fig.axes:
+            frame = other.get_window_extent().padded(3)  # pixels
+            assert other is ax or not any(text.get_window_extent().overlaps(frame) for text in texts if text.get_text())
+
+
+def test_panels_without_a_position_fill_their_row():
+    fig = Figure(figsize=(12, 9), layout="constrained")
+    close_by(fig, signals(SAME), {})
+    fig.draw_without_rendering()
+    rows = [fig.axes[:3], fig.axes[3:6], fig.axes[6:]]
+    assert [len(row) for row in rows] == [3, 3, 2]  # the noise follows none
+    assert rows[2][0].get_position().width > 1.3 * rows[0][0].get_position().width
+
+
+def test_a_spectrum_is_drawn_down_to_twelve_decades_below_its_top():
+    fig = Figure()
+    close_by(fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": T}, {"y": np.sin(40 * T) ** 3}), {})
+    low, high = fig.axes[-1].get_ylim()
+    y = fig.axes[-1].lines[0].get_ydata()
+    assert y.min() < low == pytest.approx(1e-12 * y.max()) and high > y.max()
+
+
+def test_the_legend_has_the_band_only_where_it_can_be_seen():
+    f = np.arange(1.0, 300.0)
+    law = 1e-6 / f
+    for width, seen in ((1e-6, False), (0.5, True)):
+        ax = Figure().subplots()
+        against(ax, Against("", "N", f, law, law, law * (1 - width), law * (1 + width)))
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["correct"] * seen + ["rendered", "law"]
+
+
+def test_the_close_up_is_taken_away_from_the_ends():
+    scene = stimlib.Scene({"y": 1.0 * X})
+    fig = Figure()
+    tone = np.exp(-3 * T) * np.cos(2 * np.pi * 160 * T)  # largest at its start
+    close_by(fig, Signals(scene, FS, {"x": tone}, {"y": tone}), {})
+    assert 0.5 / CUTOFF <= fig.axes[0].lines[0].get_xdata()[0] < 0.5 / CUTOFF + 2 / 160
 
 
 def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):
