@@ -4,6 +4,8 @@ Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the 
 functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
 to the interpreter, the compiler and automatic differentiation.  A tile may also use ``if``, ``and``, ``or``: it is never
 differentiated.
+
+What the source does not tell, the kinds of values, is seen by running one sample: ``rehearse``.
 """
 
 from __future__ import annotations
@@ -271,7 +273,16 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
 def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()) -> tuple[Any, Any]:
     """One sample of a block in plain Python, and its new state: what a scene means.
 
-    work is the scratch of a tile.  SceneError, with file and line, where the code of an author raises.
+    x has one number per signal (not that of a contact), work the scratch of a tile.  SceneError, with file and line, where the
+    code of an author raises.
+
+    Examples
+    --------
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import sample
+    >>> y, state = sample(Input("x") * Input("y"), (), (), [2.0, 3.0])
+    >>> float(y), state
+    (6.0, ())
     """
     cls = type(block)
     try:
@@ -297,7 +308,18 @@ def _what(cls: type[Block]) -> tuple[str, Any]:
 
 
 def rehearse(block: Block, p: Any, s: Any) -> None:
-    """Run one sample of a block on zeros and copies; SceneError where its code raises, or gives what is no number and state."""
+    """Run one sample of a block on zeros and copies of what its ``design`` gave, before anything is compiled.
+
+    SceneError, with file and line, where the code raises, or gives no number, or a state of other kinds than that of design.
+
+    Examples
+    --------
+    >>> from stimlib.blocks import delay
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import rehearse
+    >>> block = delay(Input("x"), 3)
+    >>> rehearse(block, *block.design(1000.0))
+    """
     cls = type(block)
     p, s = unpack(p, pack(p)), unpack(s, pack(s))
     x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
