@@ -81,6 +81,7 @@ def _tuple_text(name: str, t: type) -> str:
 def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int):
     """The segment of a block class whose parameters and states have these kinds of fields."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
+    steps.source(f)  # an error here names the step, not the first of its helpers
     out: list[str] = [_HEAD]
     done: dict[str, Any] = {}
     _embed(f, "_sl_block", done, out)
