@@ -2,6 +2,7 @@
 
 import csv
 import doctest
+import inspect
 import logging
 import re
 import shlex
@@ -123,6 +124,8 @@ def test_every_block_function_has_its_place():
         page = (DOCS / "reference" / "blocks" / f"{family}.rst").read_text()
         assert listed[family] == re.findall(r"autofunction:: stimlib\.blocks\.(\w+)$", page, re.MULTILINE), family
     assert sorted(sum(listed.values(), [])) == sorted(blocks.__all__)
+    offered = {n for n, f in vars(blocks).items() if inspect.isfunction(f) and not n.startswith("_")}
+    assert offered == set(blocks.__all__), "imported in stimlib/blocks/__init__.py, and not in its __all__"
 
 
 def test_papers_are_cited_by_what_they_are_called():

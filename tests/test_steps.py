@@ -368,6 +368,90 @@ def matrix_in_design(self, fs):
     return Gain(np.zeros((2, 2))), State(0.0)
 
 
+def too_many(p, s, x):
+    return x, State(x, x)  # here: too many
+
+
+def too_few(p, s, x):
+    return x, State()  # here: too few
+
+
+def two_arguments(p, s, x):
+    y = where(x > 0, x)  # here: two
+    return y, State(y)
+
+
+def wrong_tuple(p, s, x):
+    return x, Gain(x)  # here: wrong tuple
+
+
+def not_set(p, s, x):
+    y += x  # noqa: F821  # here: not set
+    return y, State(y)
+
+
+def sine_of_two(p, s, x):
+    return sin(x, 1), s  # here: sine
+
+
+def abs_of_two(p, s, x):
+    return abs(x, 2), s  # here: abs
+
+
+def index_of_number(p, s, x):
+    return x * s.y[0], s  # here: index
+
+
+def text(p, s, x):
+    return x + "1", s  # here: str
+
+
+def unknown_field(p, s, x):
+    return x, State(y=x, q=1.0)  # here: q
+
+
+def named_argument(p, s, x):
+    return sin(x=x), s  # here: named
+
+
+def floor_division(p, s, x):
+    return x // 1, s  # here: floor
+
+
+def smaller(p, s, x):
+    y = min(x, 1.0)  # here: min
+    return y, s
+
+
+def float_range(p, s, x):
+    for _ in range(p.gain):  # here: range
+        x = 2.0 * x
+    return x, s
+
+
+def local_float_range(p, s, x):
+    n = 2.0 * x
+    for _ in range(n):  # here: local range
+        x = 2.0 * x
+    return x, s
+
+
+def two_samples(p, s, x):
+    return (x, x), s  # here: pair
+
+
+def whole_state(p, s, x):
+    return x, State(0)  # here: whole
+
+
+def other_array(p, s, x):
+    return x, Memory(maths.words(p.table), s.n, s.y)  # here: array
+
+
+def with_arrays(self, fs):
+    return Numbers(np.zeros(3), np.uint64(1), 1.0), Memory(np.zeros(3), np.uint64(1), 1.0)
+
+
 def own(**members):
     members = {"__annotations__": {"x": Block}, "__module__": __name__, "design": designed, **members}
     return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
@@ -395,6 +479,24 @@ def own(**members):
         ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
         ({"step": staticmethod(few), "resettable": True}, "few", "a resettable block has a signal that resets it, the last one"),
         ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
+        ({"step": staticmethod(too_many)}, "too many", "State(x, x): it is State(y): too many positional arguments"),
+        ({"step": staticmethod(too_few)}, "too few", "State(): it is State(y): missing a required argument: 'y'"),
+        ({"step": staticmethod(two_arguments)}, "two", "it is where(c, a, b): missing a required argument: 'b'"),
+        ({"step": staticmethod(wrong_tuple)}, "wrong tuple", "Mine.step: the new state must be the State(..) of design"),
+        ({"step": staticmethod(not_set)}, "not set", "Mine.step: UnboundLocalError"),
+        ({"step": staticmethod(sine_of_two)}, "sine", "it is sin(x): too many"),
+        ({"step": staticmethod(abs_of_two)}, "abs", "it is abs(x): too many"),
+        ({"step": staticmethod(index_of_number)}, "index", "only arrays have an index"),
+        ({"step": staticmethod(text)}, "str", "'1' is not a number"),
+        ({"step": staticmethod(unknown_field)}, "q", "it is State(y): got an unexpected keyword argument 'q'"),
+        ({"step": staticmethod(named_argument)}, "named", "give the arguments by place"),
+        ({"step": staticmethod(floor_division)}, "floor", "use maths.floor(a / b)"),
+        ({"step": staticmethod(smaller)}, "min", "write where(a < b, a, b) for 'min'"),
+        ({"step": staticmethod(float_range)}, "range", "range counts whole ones: range(np.int64(n))"),
+        ({"step": staticmethod(local_float_range)}, "local range", "range counts whole ones: range(np.int64(n))"),
+        ({"step": staticmethod(two_samples)}, "pair", "Mine.step: the sample must be one number"),
+        ({"step": staticmethod(whole_state)}, "whole", "the new state's y must be a float as in design, and is 0; write 1.0"),
+        ({"step": staticmethod(other_array), "design": with_arrays}, "array", "the new state's line must be "),
     ],
 )  # fmt: skip
 def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says, target):
@@ -403,6 +505,54 @@ def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says
     assert says in str(e.value) and "numba" not in str(e.value), e.value
     if line:
         assert str(e.value).startswith(f"{__file__}:{line_of(f'here: {line}')}: "), e.value
+
+
+def plus_one(p, s, x):
+    return x, Memory(s.line, s.n + 1, s.y)
+
+
+def hidden(p, s, x, y):
+    for i in range(y.size):
+        if x[i] > 2.0:
+            y[i] = x[i] + s  # here: hidden
+    return s
+
+
+@pytest.mark.parametrize(
+    ("members", "line", "says"),
+    [
+        ({"step": staticmethod(plus_one), "design": with_arrays}, "plus_one", "beside a np.uint64 write np.uint64(1), not 1"),
+        ({"tile": staticmethod(hidden)}, "here: hidden", "Mine.tile: it does not compile: "),
+    ],
+)
+def test_what_only_the_compiler_sees_is_one_line_too(members, line, says):
+    with pytest.raises(SceneError) as e:
+        stimlib.compile(Scene({"y": own(**members)(x)}), 1000)
+    at = line_of(line) if "here" in line else plus_one.__code__.co_firstlineno
+    assert str(e.value).startswith(f"{__file__}:{at}: Mine.") and says in str(e.value) and "\n" not in str(e.value), e.value
+
+
+def beyond(p, s, x):
+    s.line[np.int64(x)] = x  # here: beyond
+    return x, s
+
+
+def test_a_step_that_fails_while_it_runs_says_where():
+    processor = stimlib.compile(Scene({"y": own(step=staticmethod(beyond), design=with_arrays)(x)}), 1000, "python")
+    with pytest.raises(SceneError, match="Mine.step: IndexError") as e:
+        processor.process(np.array([[0.0, 7.0]]))
+    assert str(e.value).startswith(f"{__file__}:{line_of('here: beyond')}: ")
+
+
+def noted(p: Gain, s: State, x: "float") -> "tuple[float, State]":
+    """Types and a docstring are allowed, and the fields of a tuple by name."""
+    return x, State(y=p.gain * x)
+
+
+def test_types_may_be_noted():
+    for target in ("numba", "python"):
+        process = stimlib.compile(Scene({"y": own(step=staticmethod(noted))(x)}), 1000, target).process
+        assert process(np.ones((1, 1))) == 1.0
 
 
 def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
@@ -421,4 +571,8 @@ def test_units_returns_a_unit(returned):
 def test_every_block_we_ship_keeps_what_it_asks_of_others():
     for entry in TABLE_OF_BLOCKS:
         program = program_of(entry.scene())
-        assert len(design_of(program, entry.rates[0])) == len(program.instances)
+        design = design_of(program, entry.rates[0])
+        assert len(design) == len(program.instances)
+        for q, (p, s) in zip(program.instances, design, strict=True):
+            if q.kind == "block":
+                steps.rehearse(q.block, p, s)

@@ -93,7 +93,7 @@ class _Graph:
         values = [self.value(k) for k in kids]
         if foldable(b) and kids and None not in values:
             with np.errstate(all="ignore"):
-                v = float(type(b).step((), (), *(np.float64(v) for v in values))[0])  # type: ignore[misc]
+                v = float(steps.sample(b, (), (), [np.float64(v) for v in values])[0])
             if not math.isfinite(v):
                 raise SceneError(f"{b!r} of plain numbers {values} is {v}")
             return self.const(v, b)
@@ -297,6 +297,8 @@ def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
             known(cls, getattr(cls.tile or cls.step, "__code__", None), type(p), type(s))
         used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
         limits.check("state_bytes", used, f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        if q.kind == "block" and cls.__module__.partition(".")[0] != "stimlib":
+            steps.rehearse(q.block, p, s)
         made.append((p, s))
     return made
 

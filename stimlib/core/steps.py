@@ -4,6 +4,8 @@ Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the 
 functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
 to the interpreter, the compiler and automatic differentiation.  A tile may also use ``if``, ``and``, ``or``: it is never
 differentiated.
+
+What the source does not tell, the kinds of values, is seen by running one sample: ``rehearse``.
 """
 
 from __future__ import annotations
@@ -12,18 +14,23 @@ import ast
 import dis
 import inspect
 import textwrap
+import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError, place
+from ..errors import SceneError, StimlibError, place
 from . import maths
-from .graph import signals
+from .graph import Block, kind, pack, signals, unpack
+
+_HERE = str(Path(__file__).parents[1])  # the library: a line in it is no author's
 
 _WORDS = {
+    ast.FloorDiv: "// differs between targets: use maths.floor(a / b)",
     ast.Pow: "** differs between targets: multiply, or use maths.sqrt / exp / log",
     ast.If: "`if` chooses at run time: use where(c, a, b)",
     ast.IfExp: "`a if c else b` chooses at run time: use where(c, a, b)",
@@ -35,9 +42,18 @@ _ALLOWED = (
     ast.FunctionDef, ast.arguments, ast.arg, ast.Return, ast.Assign, ast.AugAssign, ast.Expr, ast.For, ast.Tuple, ast.Name,
     ast.Load, ast.Store, ast.Constant, ast.Attribute, ast.Subscript, ast.Slice, ast.Call, ast.Compare, ast.cmpop, ast.BinOp,
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Mod, ast.RShift, ast.LShift, ast.BitAnd, ast.BitOr, ast.BitXor, ast.UnaryOp,
-    ast.USub, ast.Starred,
+    ast.USub, ast.Starred, ast.keyword,
 )  # fmt: skip
 _BUILTIN = {"abs": abs, "range": range}
+_INSTEAD = {  # of what authors try
+    "min": "where(a < b, a, b)", "max": "where(a > b, a, b)", "round": "maths.floor(x + 0.5)", "int": "np.int64(x)",
+    "len": "the array's .size", "float": "the number itself, or maths.as_float of a uint64", "pow": "products, or maths.exp",
+}  # fmt: skip
+_REMEDIES = {  # by what Python says when a step runs
+    "interpreted as an integer": "numbers in p, in s and of signals are floats, and range counts whole ones: range(np.int64(n))",
+    "invalid index to scalar": "only arrays have an index",
+    "local variable": "give it a value above this line",
+}
 
 
 def source(f: Callable) -> str:
@@ -62,9 +78,11 @@ def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
     return "\n".join(lines[first:]) + "\n", code.co_firstlineno - 1 + first
 
 
-def used(code: types.CodeType) -> Iterator[str]:
-    """Global names that compiled Python loads (co_names would also list attributes)."""
-    yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
+def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
+    """Global names that compiled Python loads (co_names would also list attributes), and where: lines of the file."""
+    for i in dis.get_instructions(code):
+        if i.opname == "LOAD_GLOBAL":
+            yield i.argval, (i.positions and i.positions.lineno) or code.co_firstlineno
     for c in code.co_consts:
         if isinstance(c, types.CodeType):
             yield from used(c)
@@ -78,14 +96,16 @@ def names(f: Callable) -> dict[str, Any]:
             "puts into p, or a module-level number"
         )
     found = {}
-    for n in dict.fromkeys(used(f.__code__)):
+    for n, line in used(f.__code__):
         if n in f.__globals__:
             found[n] = f.__globals__[n]
         elif n in _BUILTIN:
             found[n] = _BUILTIN[n]
         else:
             raise SceneError(
-                f"{f.__qualname__} uses {n!r}, which is not defined; a step may call stimlib.core.maths, abs and range"
+                f"{f.__code__.co_filename}:{line}: {f.__qualname__}: "
+                + (f"write {_INSTEAD[n]} for {n!r}" if n in _INSTEAD else f"{n!r} is not defined")
+                + "; a step may call stimlib.core.maths, abs and range"
             )
     return found
 
@@ -114,7 +134,15 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
         raise SceneError(f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}")
 
     known = names(f)
-    for node in ast.walk(ast.parse(text)):
+    tree = ast.parse(text)
+    said = tree.body[0].body[0]  # type: ignore[attr-defined]
+    docstring = said.value if isinstance(said, ast.Expr) else None
+    for node in ast.walk(tree):  # types that an author notes are nothing that runs
+        if isinstance(node, ast.arg):
+            node.annotation = None
+        elif isinstance(node, ast.FunctionDef):
+            node.returns = None
+    for node in ast.walk(tree):
         if tile and isinstance(node, (ast.If, ast.BoolOp, ast.And, ast.Or)):
             continue
         for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
@@ -137,12 +165,31 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
                     short = "maths." + ast.unparse(g).rpartition(".")[2]
                     refuse(node, f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class, and {short} here")
                 refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and helpers like itself")
+            if not any(isinstance(a, ast.Starred) for a in node.args):
+                _check_arguments(target, node, refuse)
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
                 if target in (f, *above):
                     refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")
                 _check_all(target, target.__code__, False, (f, *above))
+        if isinstance(node, ast.Constant) and node is not docstring and not isinstance(node.value, (int, float)):
+            refuse(node, f"{node.value!r} is not a number, and a step has nothing else")
         if not isinstance(node, (ast.Module, *_ALLOWED)):
-            refuse(node, f"{type(node).__name__} is not straight-line code")
+            refuse(node, f"{ast.unparse(node)[:60]!r} ({type(node).__name__}) is not straight-line code")
+
+
+def _check_arguments(target: Any, call: ast.Call, refuse: Callable) -> None:
+    """Refuse a call whose arguments are not those that its function, or NamedTuple, takes."""
+    try:
+        takes = inspect.signature(target)
+    except ValueError:  # range, whose arguments are checked when it runs
+        return
+    named = [k.arg for k in call.keywords]
+    if named and not (isinstance(target, type) and None not in named):
+        refuse(call, f"{ast.unparse(call)}: give the arguments by place; only those of a NamedTuple may have names")
+    try:
+        takes.bind(*call.args, **{str(name): None for name in named})
+    except TypeError as e:
+        refuse(call, f"{ast.unparse(call)}: it is {target.__name__}({', '.join(takes.parameters)}): {e}")
 
 
 # A whole block ---------------------------------------------------------------------------------------------------------
@@ -198,6 +245,7 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     except SceneError:  # the interpreter needs no text; a compiler raises the same
         return
     body = ast.parse(text).body[0]
+    check(f, tile=name == "tile")
     stored = {n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     for node in ast.walk(body):
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
@@ -220,6 +268,82 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
             refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, the sample and {new}")
         if name == "tile" and (v is None or _empty(v, s_type)):
             refuse(getattr(end, "lineno", 1) + offset, f"it must fill y and return {new}")
+
+
+def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()) -> tuple[Any, Any]:
+    """One sample of a block in plain Python, and its new state: what a scene means.
+
+    x has one number per signal (not that of a contact), work the scratch of a tile.  SceneError, with file and line, where the
+    code of an author raises.
+
+    Examples
+    --------
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import sample
+    >>> y, state = sample(Input("x") * Input("y"), (), (), [2.0, 3.0])
+    >>> float(y), state
+    (6.0, ())
+    """
+    cls = type(block)
+    try:
+        if cls.step is not None:
+            y, s = cls.step(p, s, *x)
+            return np.float64(y), s
+        tile = np.empty(1)
+        s = cls.tile(p, s, *(np.array([v]) for v in x), tile, *work)  # type: ignore[misc]
+        return tile[0], s
+    except Exception as e:
+        if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
+            raise
+        name, f = _what(cls)
+        lines = [(t.filename, t.lineno) for t in traceback.extract_tb(e.__traceback__) if not t.filename.startswith(_HERE)]
+        filename, line = lines[-1] if lines else (f.__code__.co_filename, f.__code__.co_firstlineno)
+        remedy = next((f"; {r}" for what, r in _REMEDIES.items() if what in str(e)), "")
+        raise SceneError(f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}") from e
+
+
+def _what(cls: type[Block]) -> tuple[str, Any]:
+    """What defines a sample."""
+    return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
+
+
+def rehearse(block: Block, p: Any, s: Any) -> None:
+    """Run one sample of a block on zeros and copies of what its ``design`` gave, before anything is compiled.
+
+    SceneError, with file and line, where the code raises, or gives no number, or a state of other kinds than that of design.
+
+    Examples
+    --------
+    >>> from stimlib.blocks import delay
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import rehearse
+    >>> block = delay(Input("x"), 3)
+    >>> rehearse(block, *block.design(1000.0))
+    """
+    cls = type(block)
+    p, s = unpack(p, pack(p)), unpack(s, pack(s))
+    x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
+    with np.errstate(all="ignore"):
+        y, new = sample(block, p, s, x, (np.zeros(block.work(p)),) if block.work else ())
+    name, f = _what(cls)
+
+    def refuse(why: str) -> None:
+        code = dis.get_instructions(f.__code__)
+        ends = [i.positions.lineno for i in code if i.opname.startswith("RETURN") and i.positions]
+        line = (ends and ends[-1]) or f.__code__.co_firstlineno
+        raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
+
+    if not isinstance(y, np.float64):
+        refuse(f"the sample must be one number, and is {y!r:.80}")
+    if type(new) is not type(s):
+        refuse(f"the new state must be {f'the {type(s).__name__}(..) of design' if s else '()'}, and is {new!r:.80}")
+    for field, old, v in zip(getattr(s, "_fields", ()), s, new, strict=True):
+        if not isinstance(v, float if kind(old) == "f" else type(old)) or np.shape(v) != np.shape(old):
+            wanted = {"f": "a float", "u": "a np.uint64"}.get(kind(old), f"an array of {np.size(old)}")
+            hint = "; write 1.0 for 1, and where(c, 1.0, 0.0) for a comparison" if isinstance(v, (int, np.bool_)) else ""
+            refuse(f"the new state's {field} must be {wanted} as in design, and is {v!r:.80}{hint}")
+        if isinstance(v, np.ndarray) and v is not old:
+            refuse(f"the new state's {field} must be the array s.{field} itself: write into it, s.{field}[i] = .., and return it")
 
 
 def _called(g: ast.expr, f: Callable) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.graph import kind, pack
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
-from ..errors import BadValue, SceneError, UnknownName, shown
+from ..errors import BadValue, SceneError, StimlibError, UnknownName, shown
 
 if TYPE_CHECKING:
     from ..targets.jax.function import Function
@@ -178,6 +178,8 @@ class Processor:
                 out = np.empty((len(self.outputs), x.shape[1]))
             if not self._run(x, out):
                 return out
+        except StimlibError:  # of a step
+            raise
         except (TypeError, AttributeError, IndexError, ValueError):
             pass
         self._explain("x", x, self.inputs, None)

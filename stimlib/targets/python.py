@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.graph import Param, at_rest, pack, unpack
 from ..core.program import PARAMS, ROOT, Program
+from ..core.steps import sample
 
 
 class Engine:
@@ -49,13 +50,9 @@ class Engine:
             if self.s[i].cold == 0.0:
                 self.s[i] = at_rest(self.design[i][1])
             return np.float64(0.0)
-        if block.step is not None:
-            y, self.s[i] = block.step(self.p[i], self.s[i], *x)
-            return np.float64(y)
-        tile = np.empty(1)
         scratch = (self.work[i],) if block.work else ()
-        self.s[i] = block.tile(self.p[i], self.s[i], *(np.array([v]) for v in x), tile, *scratch)  # type: ignore[misc]
-        return tile[0]
+        y, self.s[i] = sample(block, self.p[i], self.s[i], x, scratch)
+        return y
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
         """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""

@@ -6,6 +6,7 @@ holds the text of the step and of every helper and constant that it uses: an edi
 
 from __future__ import annotations
 
+import inspect
 import re
 import types
 from functools import cache
@@ -18,7 +19,7 @@ import numpy as np
 from ...core import maths, steps
 from ...core.graph import at_rest, kind, memo, pack
 from ...core.program import PARAMS, ROOT, Program
-from ...errors import SceneError
+from ...errors import SceneError, place
 from .cache import load
 
 TILE = 64
@@ -80,10 +81,12 @@ def _tuple_text(name: str, t: type) -> str:
 def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int):
     """The segment of a block class whose parameters and states have these kinds of fields."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
-    steps.check(f, tile=f is cls.tile)  # type: ignore[attr-defined]
+    steps.source(f)  # an error here names the step, not the first of its helpers
     out: list[str] = [_HEAD]
     done: dict[str, Any] = {}
     _embed(f, "_sl_block", done, out)
+    if any(isinstance(g, types.FunctionType) and g.__annotations__ for g in (f, *done.values())):
+        out.insert(0, "from __future__ import annotations\n")  # types that an author notes may have any names
     for ours, t in (("_sl_P", p_type), ("_sl_S", s_type)):
         theirs = next((name for name, v in done.items() if v is t), None)  # the step's own, or the types would differ
         if hasattr(t, "_fields"):
@@ -119,10 +122,29 @@ def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type
         body = ["for i in range(n):", f"    y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"]
     lines = "\n".join("    " + text for text in [*before, *body, *after])
     out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{lines}\n')
+    text = "\n".join(out)
     try:
-        return load("\n".join(out), _owner(cls).__name__)
-    except numba.core.errors.NumbaError as e:
-        raise SceneError(f"{cls.__name__}: the step does not compile: {str(e).strip().splitlines()[-1]}\n{e}") from None
+        return load(text, _owner(cls).__name__)
+    except (numba.core.errors.NumbaError, TypeError) as e:
+        name = "tile" if f is cls.tile else "step"  # type: ignore[attr-defined]
+        raise SceneError(f"{_line(e, text, f)}{cls.__name__}.{name}: it does not compile: {_said(e)}") from e
+
+
+def _said(e: Exception) -> str:
+    """What the compiler says, in one line and without the passes that it was in."""
+    passes = "Failed in", "During:", "File ", "def "
+    said = [line for line in map(str.strip, str(e).splitlines()) if line and not line.startswith(passes)] or [type(e).__name__]
+    what = " ".join(said[:2] if said[0].endswith("signature:") else said[:1]).partition(", defined at")[0]
+    return what + ("; beside a np.uint64 write np.uint64(1), not 1" if "uint64" in what else "")
+
+
+def _line(e: Exception, text: str, f: types.FunctionType) -> str:
+    """File and line as an error begins: those that the compiler blames, where they are in f itself, or those of f."""
+    blamed = getattr(getattr(e, "loc", None), "line", 0)
+    written = text.partition("\ndef _sl_segment")[0].splitlines()
+    lines, first = inspect.getsourcelines(f)
+    at = [k for k, line in enumerate(lines) if 0 < blamed <= len(written) and line.strip() == written[blamed - 1].strip()]
+    return f"{f.__code__.co_filename}:{first + at[0]}: " if at else place(f)
 
 
 def _owner(cls: type) -> type:
