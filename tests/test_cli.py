@@ -402,6 +402,81 @@ def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
     assert done.exit_code == 2 and "--map and --where are for a recording" in done.stderr
 
 
+PEN = """
+from stimlib import Input, Scene, constant
+def scene():
+    return Scene({"f": constant(100.0, "N/m") * Input("x", "m") + Input("press", "N")})
+def contact():
+    return Scene({"f": Input("contact") * scene().outputs["f"]})
+"""
+ROWS = "t_s,pos_mm,force_N\n0,1,0\n0.01,2,5\n0.02,3,9\n"
+MAP_X, MAP_PRESS, HELD = ["--map", "x=pos_mm*1e-3"], ["--map", "press=force_N"], "press=sinusoid(0.5, 1, mean=1)"
+
+
+@pytest.fixture
+def pen(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pen.py").write_text(PEN)
+    (tmp_path / "pen.csv").write_text(ROWS)
+    (tmp_path / "lift.csv").write_text("t_s,pos_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n")
+
+    def rendered(*motion, scene="scene"):
+        done = run.invoke(app, ["render", f"pen.py:{scene}", *motion, "--out", "a.wav", "--full-scale", "100"])
+        return done, json.loads(Path("a.wav.json").read_text())["motion"] if done.exit_code == 0 else {}
+
+    return rendered
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [["--motion", "pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD, "--motion", "pen.csv", *MAP_X],
+     ["--motion", "x=pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD[6:], "--motion", "x = pen.csv", *MAP_X]],
+)  # fmt: skip
+def test_a_recording_goes_with_a_generator(pen, motion):
+    done, told = pen(*motion)
+    assert done.exit_code == 0 and "0.02 s" in done.stdout, done.output
+    assert told["x"].startswith("recording('pen.csv', {'x': 'pos_mm*1e-3'}") and told["press"].startswith(
+        "sinusoid(amplitude=0.5"
+    )
+
+
+def test_two_recordings_and_the_contact_of_one(pen):
+    both = ["--motion", "x=lift.csv", *MAP_X, "--motion", "press=pen.csv", *MAP_PRESS]
+    done, told = pen(*both, scene="contact")
+    assert done.exit_code == 2 and "say which serves, such as --motion contact=my.csv" in done.stderr
+    done, told = pen(*both, "--motion", "contact=lift.csv", scene="contact")
+    assert done.exit_code == 0 and told["contact"].startswith("recording('lift.csv'") and told["contact"].endswith(".contact")
+    assert "'force_N'}" in told["press"], done.output
+    done, told = pen("--motion", "x=lift.csv", *MAP_X, "--motion", "sinusoid(0.5, 1, mean=1)", scene="contact")
+    assert done.exit_code == 0 and told["contact"].endswith(".contact"), done.output
+
+
+def test_only_metres_are_held_to_the_speed_of_a_hand(pen):
+    words = ["--motion", "pen.csv", *MAP_X, *MAP_PRESS]
+    assert "max_speed={'x': 1.0}" in pen(*words)[1]["x"]  # force_N rises by 500 N/s
+    assert "max_speed={'press': 1000.0}" in pen(*words, "--max-speed", "press=1000")[1]["x"]
+    done, _ = pen(*words, "--max-speed", "0.05")
+    assert done.exit_code == 2 and "x moves at 0.1 m/s" in done.stderr, done.output
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        (["no.csv"], "no.csv: cannot be read (No such file"), (["x=no.csv", "--motion", HELD], "no.csv: cannot be read"),
+        (["pen.csv"], "pen.csv: name the column of x, press, such as --map 'x=force_N*5e-4'; the columns are: t_s, pos_mm"),
+        (["pen.csv", *MAP_X], "nothing is recorded for press"), (["x=pen.csv", *MAP_X], "no motion for press"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--motion", "press=sinusoid(1, 1)"], "--map press: press has a motion of its own"),
+        (["pen.csv", *MAP_X, "--map", "q=force_N"], "--map q: the scene has no input q; the inputs are: x, press"),
+        (["pen.csv", *MAP_X, "--motion", "minimum_jerk()"], "say of which each is, such as x=minimum_jerk()"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "y=1"], "--max-speed y: there is no --map y; there is x, press"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "x=a"], "--max-speed x=a: 'a' is not a number"),
+    ],
+)  # fmt: skip
+def test_mistakes_with_several_motions_get_one_line(pen, motion, says):
+    done, _ = pen("--motion", *motion)
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output, done.output
+
+
 @pytest.mark.parametrize(
     ("told", "says"),
     [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),

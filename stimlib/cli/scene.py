@@ -136,10 +136,12 @@ def params_of(items: list[str]) -> dict[str, float]:
     """Parameters of --set."""
     from ..motion.text import pairs
 
-    found = {}
-    for name, text in pairs(items, "--set", "NAME=VALUE").items():
-        try:
-            found[name] = float(text)
-        except ValueError:
-            raise BadValue(f"--set {name}={text}: {text!r} is not a number") from None
-    return found
+    return {name: number(text, f"--set {name}={text}") for name, text in pairs(items, "--set", "NAME=VALUE").items()}
+
+
+def number(text: str, option: str) -> float:
+    """A number that an option has, or ``BadValue`` that names it."""
+    try:
+        return float(text)
+    except ValueError:
+        raise BadValue(f"{option}: {text!r} is not a number") from None
