@@ -91,7 +91,7 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
         (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"], "give a smaller passband"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds must be finite"),
         (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
-        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "has no function 'nothing'"),
+        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "own.py: there is no 'nothing' in it: write"),
         (["render", "missing.py:f"], "cannot read missing.py: No such file"),
         (["render", "missing.json"], "cannot read missing.json"),
     ],
@@ -260,6 +260,21 @@ def test_show_prints_the_plan_draws_and_saves(tmp_path):
     assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
     assert "<svg" in (tmp_path / "g.svg").read_text()
     assert stimlib.load(tmp_path / "s.json").hash == stimlib.scenes.squeeze().hash
+
+
+def test_show_says_what_it_cannot_draw_before_it_prints():
+    done = run.invoke(app, ["show", "squeeze", "--draw", "x.txt"])
+    assert done.exit_code == 2 and "the suffix of 'x.txt'" in done.stderr and not done.stdout
+
+
+@pytest.mark.parametrize(("scene", "says"), [("", "say which function or scene in it"), (":scne", "there is no 'scne' in it")])
+def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
+    path = tmp_path / "pebbles.py"
+    path.write_text(OWN + "def wants(a):\n    return a\ndef _hidden():\n    return soft()\nready = soft()\n")
+    done = run.invoke(app, ["show", f"{path}{scene}"])
+    assert done.exit_code == 2
+    assert done.stderr == f"error: {path}: {says}: write {path}:NAME; there is soft, two, broken, number, ready\n"
+    assert run.invoke(app, ["show", f"{path}:ready"]).exit_code == 0
 
 
 def test_list_names_scenes_and_motions():
@@ -538,6 +553,9 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
         (["verify"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
         (["verify", "squeeze"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
+        (["verify", "squeeze", "--wav", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
+        (["verify", "a.png"], "a.png is not a sound file, which ends in one of .wav"),
         (["verify", "--wav", "a.wav"], "there is no file a.wav"),
         (["verify", "a.flac"], "there is no file a.flac"),
         (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),

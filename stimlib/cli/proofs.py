@@ -56,6 +56,11 @@ def verify_(
         if wav is not None:
             raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
         wav, scene = Path(scene), None
+    for path in (scene, wav):
+        if path is not None and Path(path).suffix == ".stimlog":
+            raise BadValue(f"{path} is a log: stimlib verify --log {path}")
+    if scene is not None and wav is None and log is None and not _names_a_scene(scene):
+        raise BadValue(f"{scene} is not a sound file, which ends in one of {', '.join('.' + f.lower() for f in FORMATS)}")
     given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
     if log is not None:
         if wav is not None or given:
@@ -82,6 +87,10 @@ def verify_(
         if report is not None:
             print(f"report: {report}")
     end(result.passed)
+
+
+def _names_a_scene(text: str) -> bool:
+    return "(" in text or ":" in text or Path(text).suffix in ("", ".json", ".py")
 
 
 @command("replay")
