@@ -106,6 +106,22 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
     assert [p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"] == []
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("render squeeze", "Missing option '--out'; see stimlib render --help"), ("show", "Missing argument 'SCENE'; see"),
+        ("render squeeze --ou a.wav", "No such option: --ou"), ("rendr", "No such command 'rendr'"), ("--verson", "--verson"),
+        ("play squeeze --full-scale 1 --sink x", "'x' is not one of 'null', 'jack', 'portaudio'; see stimlib play --help"),
+        ("show squeeze --fs a", "Invalid value for '--fs': "), ("verify --log", "'--log' requires an argument; see stimlib"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_usage_get_one_line(words, says):
+    done = run.invoke(app, words.split(), prog_name="stimlib")
+    assert done.exit_code == 2 and not done.stdout
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1 and says in done.stderr
+    assert "value error" not in done.stderr.lower() and run.invoke(app, []).stdout.count("stimlib") > 0
+
+
 # What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
 FAILING = """
 import stimlib
