@@ -71,13 +71,13 @@ def verify_(
         expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
         result = verify_log(read_log(log), expected)
     else:
-        from ..checks.verify import scene_told, verify_file
+        from ..checks.verify import scene_told, verify
 
         if wav is None:
             raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
         expected = None if scene is None else scene_of(scene)
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0] if given else None
-        result = verify_file(wav, expected, motion)
+        result = verify(expected, motion, wav)
     if report is not None:
         result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
     if json_:
