@@ -318,6 +318,23 @@ def test_json_says_what_the_words_say(tmp_path):
     }  # fmt: skip
 
 
+def test_json_of_a_file_and_of_a_replay(tmp_path, session):
+    out = tmp_path / "a.wav"
+    told = data_of(
+        "render", "squeeze(fingers=1)", "--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--out", out, "--full-scale", 9
+    )
+    y, sidecar = file.read(out)
+    assert told["path"] == str(out) and told["sidecar"] == f"{out}.json" and told["clips"] == {"force1": 0}
+    assert told["frames"] == y.shape[1] == 800 and told["peak"]["force1"] == sidecar["channels"][0]["peak"]
+    told = data_of("replay", session)
+    assert told["matches"] and (told["frames"], told["spans"], told["wrong"]) == (4000, 2, [])
+    data = bytearray((session / "motion.f64").read_bytes())
+    data[8 * 2500 + 6] ^= 1
+    (session / "motion.f64").write_bytes(data)
+    told = data_of("replay", session, code=1)
+    assert not told["matches"] and told["wrong"] == [[2000, 4000]]
+
+
 def test_json_of_a_verification(tmp_path):
     out = tmp_path / "a.wav"
     words = ["render", "squeeze(fingers=1)", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(out), "--quiet"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -100,6 +101,7 @@ def replay(
         Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
     ] = None,
     import_: opt.Import = [],
+    json_: opt.Json = False,
 ):
     """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
 
@@ -110,5 +112,8 @@ def replay(
     from ..files.session import read_log
 
     result = replay_log(read_log(log), out)
-    print(result)
+    if json_:
+        print_json({"matches": result.matches} | asdict(result))
+    else:
+        print(result)
     end(result.matches)
