@@ -68,7 +68,7 @@ def scene_of(text: str) -> Scene:
         return _own(text, "")
     if text.endswith(".json"):
         return load(text)
-    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
+    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json")
 
 
 _ours: set[str] = set()  # names of the modules that _own has made
