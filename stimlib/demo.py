@@ -1,4 +1,4 @@
-"""What the library is for, in ten seconds: three papers' stimuli, each as file, picture, proof and copy for ears."""
+"""What the library is for: three papers' stimuli, each as file, picture, proof and copy for ears."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
         (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"], "give a smaller passband"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds must be finite"),
         (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
-        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "has no function 'nothing'"),
+        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "own.py: there is no 'nothing' in it: write"),
         (["render", "missing.py:f"], "cannot read missing.py: No such file"),
         (["render", "missing.json"], "cannot read missing.json"),
     ],
@@ -113,6 +113,22 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
     assert says in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.output
     assert [p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("render squeeze", "Missing option '--out'; see stimlib render --help"), ("show", "Missing argument 'SCENE'; see"),
+        ("render squeeze --ou a.wav", "No such option: --ou"), ("rendr", "No such command 'rendr'"), ("--verson", "--verson"),
+        ("play squeeze --full-scale 1 --sink x", "'x' is not one of 'null', 'jack', 'portaudio'; see stimlib play --help"),
+        ("show squeeze --fs a", "Invalid value for '--fs': "), ("verify --log", "'--log' requires an argument; see stimlib"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_usage_get_one_line(words, says):
+    done = run.invoke(app, words.split(), prog_name="stimlib")
+    assert done.exit_code == 2 and not done.stdout
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1 and says in done.stderr
+    assert "value error" not in done.stderr.lower() and run.invoke(app, []).stdout.count("stimlib") > 0
 
 
 # What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
@@ -271,6 +287,21 @@ def test_show_prints_the_plan_draws_and_saves(tmp_path):
     assert stimlib.load(tmp_path / "s.json").hash == stimlib.scenes.squeeze().hash
 
 
+def test_show_says_what_it_cannot_draw_before_it_prints():
+    done = run.invoke(app, ["show", "squeeze", "--draw", "x.txt"])
+    assert done.exit_code == 2 and "the suffix of 'x.txt'" in done.stderr and not done.stdout
+
+
+@pytest.mark.parametrize(("scene", "says"), [("", "say which function or scene in it"), (":scne", "there is no 'scne' in it")])
+def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
+    path = tmp_path / "pebbles.py"
+    path.write_text(OWN + "def wants(a):\n    return a\ndef _hidden():\n    return soft()\nready = soft()\n")
+    done = run.invoke(app, ["show", f"{path}{scene}"])
+    assert done.exit_code == 2
+    assert done.stderr == f"error: {path}: {says}: write {path}:NAME; there is soft, two, broken, number, ready\n"
+    assert run.invoke(app, ["show", f"{path}:ready"]).exit_code == 0
+
+
 def test_list_names_scenes_and_motions():
     done = run.invoke(app, ["list"])
     assert done.exit_code == 0
@@ -294,6 +325,23 @@ def test_json_says_what_the_words_say(tmp_path):
     assert data_of("devices", "--server", "none_of_this_name")[0] == {
         "sink": "null", "ready": True, "what": "no device, at the pace of the clock", "how": "--sink null"
     }  # fmt: skip
+
+
+def test_json_of_a_file_and_of_a_replay(tmp_path, session):
+    out = tmp_path / "a.wav"
+    told = data_of(
+        "render", "squeeze(fingers=1)", "--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--out", out, "--full-scale", 9
+    )
+    y, sidecar = file.read(out)
+    assert told["path"] == str(out) and told["sidecar"] == f"{out}.json" and told["clips"] == {"force1": 0}
+    assert told["frames"] == y.shape[1] == 800 and told["peak"]["force1"] == sidecar["channels"][0]["peak"]
+    told = data_of("replay", session)
+    assert told["matches"] and (told["frames"], told["spans"], told["wrong"]) == (4000, 2, [])
+    data = bytearray((session / "motion.f64").read_bytes())
+    data[8 * 2500 + 6] ^= 1
+    (session / "motion.f64").write_bytes(data)
+    told = data_of("replay", session, code=1)
+    assert not told["matches"] and told["wrong"] == [[2000, 4000]]
 
 
 def test_json_of_a_verification(tmp_path):
@@ -411,6 +459,81 @@ def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
     assert done.exit_code == 2 and "--map and --where are for a recording" in done.stderr
 
 
+PEN = """
+from stimlib import Input, Scene, constant
+def scene():
+    return Scene({"f": constant(100.0, "N/m") * Input("x", "m") + Input("press", "N")})
+def contact():
+    return Scene({"f": Input("contact") * scene().outputs["f"]})
+"""
+ROWS = "t_s,pos_mm,force_N\n0,1,0\n0.01,2,5\n0.02,3,9\n"
+MAP_X, MAP_PRESS, HELD = ["--map", "x=pos_mm*1e-3"], ["--map", "press=force_N"], "press=sinusoid(0.5, 1, mean=1)"
+
+
+@pytest.fixture
+def pen(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pen.py").write_text(PEN)
+    (tmp_path / "pen.csv").write_text(ROWS)
+    (tmp_path / "lift.csv").write_text("t_s,pos_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n")
+
+    def rendered(*motion, scene="scene"):
+        done = run.invoke(app, ["render", f"pen.py:{scene}", *motion, "--out", "a.wav", "--full-scale", "100"])
+        return done, json.loads(Path("a.wav.json").read_text())["motion"] if done.exit_code == 0 else {}
+
+    return rendered
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [["--motion", "pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD, "--motion", "pen.csv", *MAP_X],
+     ["--motion", "x=pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD[6:], "--motion", "x = pen.csv", *MAP_X]],
+)  # fmt: skip
+def test_a_recording_goes_with_a_generator(pen, motion):
+    done, told = pen(*motion)
+    assert done.exit_code == 0 and "0.02 s" in done.stdout, done.output
+    assert told["x"].startswith("recording('pen.csv', {'x': 'pos_mm*1e-3'}") and told["press"].startswith(
+        "sinusoid(amplitude=0.5"
+    )
+
+
+def test_two_recordings_and_the_contact_of_one(pen):
+    both = ["--motion", "x=lift.csv", *MAP_X, "--motion", "press=pen.csv", *MAP_PRESS]
+    done, told = pen(*both, scene="contact")
+    assert done.exit_code == 2 and "say which serves, such as --motion contact=my.csv" in done.stderr
+    done, told = pen(*both, "--motion", "contact=lift.csv", scene="contact")
+    assert done.exit_code == 0 and told["contact"].startswith("recording('lift.csv'") and told["contact"].endswith(".contact")
+    assert "'force_N'}" in told["press"], done.output
+    done, told = pen("--motion", "x=lift.csv", *MAP_X, "--motion", "sinusoid(0.5, 1, mean=1)", scene="contact")
+    assert done.exit_code == 0 and told["contact"].endswith(".contact"), done.output
+
+
+def test_only_metres_are_held_to_the_speed_of_a_hand(pen):
+    words = ["--motion", "pen.csv", *MAP_X, *MAP_PRESS]
+    assert "max_speed={'x': 1.0}" in pen(*words)[1]["x"]  # force_N rises by 500 N/s
+    assert "max_speed={'press': 1000.0}" in pen(*words, "--max-speed", "press=1000")[1]["x"]
+    done, _ = pen(*words, "--max-speed", "0.05")
+    assert done.exit_code == 2 and "x moves at 0.1 m/s" in done.stderr, done.output
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        (["no.csv"], "no.csv: cannot be read (No such file"), (["x=no.csv", "--motion", HELD], "no.csv: cannot be read"),
+        (["pen.csv"], "pen.csv: name the column of x, press, such as --map 'x=force_N*5e-4'; the columns are: t_s, pos_mm"),
+        (["pen.csv", *MAP_X], "nothing is recorded for press"), (["x=pen.csv", *MAP_X], "no motion for press"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--motion", "press=sinusoid(1, 1)"], "--map press: press has a motion of its own"),
+        (["pen.csv", *MAP_X, "--map", "q=force_N"], "--map q: the scene has no input q; the inputs are: x, press"),
+        (["pen.csv", *MAP_X, "--motion", "minimum_jerk()"], "say of which each is, such as x=minimum_jerk()"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "y=1"], "--max-speed y: there is no --map y; there is x, press"),
+        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "x=a"], "--max-speed x=a: 'a' is not a number"),
+    ],
+)  # fmt: skip
+def test_mistakes_with_several_motions_get_one_line(pen, motion, says):
+    done, _ = pen("--motion", *motion)
+    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output, done.output
+
+
 @pytest.mark.parametrize(
     ("told", "says"),
     [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
@@ -472,6 +595,9 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
         (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
         (["verify"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
         (["verify", "squeeze"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
+        (["verify", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
+        (["verify", "squeeze", "--wav", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
+        (["verify", "a.png"], "a.png is not a sound file, which ends in one of .wav"),
         (["verify", "--wav", "a.wav"], "there is no file a.wav"),
         (["verify", "a.flac"], "there is no file a.flac"),
         (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),

@@ -1,5 +1,6 @@
 """Rendering: wrong numbers are never silent."""
 
+import math
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ import stimlib
 from stimlib import Input, Scene, blocks, render
 from stimlib.errors import BadValue, FaultError, SceneError, StimlibError
 from stimlib.files import audio
+from stimlib.motion.recorded import recording
 from stimlib.motion.text import parse_motion
 
 x = Input("x", "m")
@@ -60,6 +62,34 @@ def test_a_motion_that_is_no_row_of_real_numbers(motion, says):
 def test_a_function_that_gives_no_real_numbers(f):
     with pytest.raises(BadValue, match="motion of x"):
         render(SCENE, {"x": f}, 1000, 0.01)
+
+
+def test_a_function_of_one_number_is_named_with_the_remedy():
+    with pytest.raises(BadValue, match=r"test_rendering.py:\d+: motion of x: TypeError: .*np.sin for math.sin") as e:
+        render(SCENE, {"x": lambda t: 0.01 * math.sin(t)}, 1000, 0.1)
+    assert isinstance(e.value.__cause__, TypeError)
+    with pytest.raises(BadValue, match="motion of x: ValueError: .*np.where for if"):
+        render(SCENE, {"x": lambda t: t if t < 1 else 1}, 1000, 0.1)
+
+
+class Frame:
+    """As much of a DataFrame as is looked at."""
+
+    columns = ("t_s", "x_mm")
+
+
+RECORDED = recording({"t_s": [0.0, 0.01], "x_mm": [0, 1]}, {"x": "x_mm*1e-3"})
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [(RECORDED, "for_inputs"), ({"x": RECORDED}, "motion of x is a Recording: give rec.for_inputs"),
+     (Frame(), r"recording\(table"), ({"x": Frame()}, r"motion of x is a Frame: first rec = .*recording\(table, .* then rec")],
+)  # fmt: skip
+def test_a_recording_and_a_table_are_told_how_to_be_a_motion(motion, says):
+    with pytest.raises(BadValue, match=says):
+        render(SCENE, motion, 1000, 0.01)
+    assert render(SCENE, RECORDED.for_inputs(["x"]), 1000, 0.01).y.shape == (2, 10)
 
 
 def test_whole_and_short_numbers_are_taken_as_they_are():

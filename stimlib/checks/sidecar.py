@@ -70,7 +70,8 @@ def _hash(scene: Any) -> str:
 def _tell(e: Evidence, told: dict[str, Any]) -> None:
     """What no check can hold."""
     e.skipped += definitions.changed(told["definitions"], e.scene)
-    e.skipped.append(f"for the reader only: written by stimlib {shown(told.get('stimlib'))}, this is {__version__}")
+    if told.get("stimlib") != __version__:
+        e.skipped.append(f"for the reader only: written by stimlib {shown(told.get('stimlib'))}, this is {__version__}")
     if "recovered" in told:
         e.skipped.append(
             f"hash of the signal: the run was killed after {told['frames']} of {told['recovered'].get('frames')} samples"

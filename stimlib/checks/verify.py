@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -31,14 +31,21 @@ SMALL = 2.0**-40  # an impulse that no tracker takes for a jump
 ROUNDING = 1e-10  # of two computations of one transfer function
 
 
-def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Report:
-    """Prove a rendering, or a file written by the file sink, against its scene and motion.
+@overload
+def verify(scene: str | os.PathLike[str], /) -> Report: ...
+@overload
+def verify(scene: Scene | None, motion: Mapping[str, Any] | None, rendering: Rendering | str | os.PathLike[str]) -> Report: ...
+def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
+    """Prove a rendering, or a file written by the file sink, against its scene and motion; or a file by what its sidecar tells.
 
     Parameters
     ----------
-    scene : Scene
-    motion : dict of str to callable or ndarray
-        As it was rendered.
+    scene : Scene or path
+        What is expected; None for that of the file's sidecar, which the report then says.  A path alone is that of the file.
+    motion : dict of str to callable or ndarray, optional
+        As it was rendered.  By default, of a file, what the texts in its sidecar make again; where they do not, as of an array
+        or a function of yours, it must be given.  Of a recording the sidecar has the call and the SHA-256 of its file, which
+        must still be at its path.
     rendering : Rendering or path
         What was displayed.
 
@@ -50,42 +57,8 @@ def verify(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     Raises
     ------
     BadValue
-        A file of another scene, sample rate or set of parameters; motion that does not fit.
-    SinkError
-        A damaged file or sidecar.
-
-    Examples
-    --------
-    >>> import stimlib
-    >>> from stimlib.motion.generators import minimum_jerk
-    >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
-    >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)).passed
-    True
-    """
-    e = gather(scene, motion, rendering)
-    return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits_kept(e)], e)
-
-
-def verify_file(path: str | os.PathLike[str], scene: Scene | None = None, motion: Mapping[str, Any] | None = None) -> Report:
-    """Prove a file of the file sink by what its sidecar tells: the scene, and the motion that its text makes again.
-
-    Parameters
-    ----------
-    path : path
-    scene : Scene, optional
-        What is expected; by default the sidecar's own.
-    motion : dict of str to callable or ndarray, optional
-        As it was rendered; needed where a text does not tell it, as of an array or a function of yours. Of a recording the
-        sidecar has the call and the SHA-256 of its file, which must still be at its path.
-
-    Returns
-    -------
-    Report
-
-    Raises
-    ------
-    BadValue
-        As `verify`; the file was made of a session's log; its motion cannot be made again.
+        A file of another scene, sample rate or set of parameters, or made of a session's log; motion that does not fit, or that
+        cannot be made again; a scene alone.
     RecordingError
         The file of a recording is not there, or is another.
     SceneFileError
@@ -95,22 +68,31 @@ def verify_file(path: str | os.PathLike[str], scene: Scene | None = None, motion
 
     Examples
     --------
-    >>> import tempfile, stimlib
-    >>> from stimlib.checks.verify import verify_file
-    >>> from stimlib.files import audio
+    >>> import stimlib, tempfile
     >>> from stimlib.motion.generators import minimum_jerk
+    >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
+    >>> rendering = stimlib.render(scene, motion, fs=8000, seconds=1.0)
+    >>> stimlib.verify(scene, motion, rendering).passed
+    True
+
+    A file tells its scene and motion:
+
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     proc = stimlib.compile(stimlib.scenes.squeeze(fingers=1), fs=8000)
-    ...     report = audio.write(folder + "/a.wav", proc, {"x1": minimum_jerk()}, seconds=0.5)
-    ...     verify_file(folder + "/a.wav").passed
+    ...     report = rendering.save(folder + "/a.wav", full_scale=50.0)
+    ...     stimlib.verify(folder + "/a.wav").passed
     True
     """
-    if motion is None:
-        motion = _motion_told(path, read(path)[1])
-    report = verify(scene_told(path) if scene is None else scene, motion, path)
+    if rendering is None:
+        scene, rendering = None, scene
+    path = isinstance(rendering, str | os.PathLike)
+    whole = isinstance(rendering, Rendering) and scene is not None and motion is not None
+    if not (path or whole) or not isinstance(scene, Scene | None):
+        raise BadValue("verify: give the path of a file alone, or a scene, its motion and a rendering or the path of a file")
+    told = _motion_told(rendering, read(rendering)[1]) if motion is None else motion
+    e = gather(scene_told(rendering) if scene is None else scene, told, rendering)
     if scene is None:
-        report.evidence.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
-    return report
+        e.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
+    return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits_kept(e)], e)
 
 
 def scene_told(path: str | os.PathLike[str]) -> Scene:
@@ -119,7 +101,7 @@ def scene_told(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     SceneFileError, SinkError
-        As `verify_file`.
+        As `verify`.
     """
     return Scene.from_dict(told(path)["scene"], f"{path}.json")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ import typer
 
 from ..errors import shown
 from . import options as opt
-from .app import command, end, errors, note, print_wide
+from .app import command, end, errors, note, print_json, print_wide
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
@@ -61,6 +62,7 @@ def render_(
     ] = None,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
+    json_: opt.Json = False,
 ):
     """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
 
@@ -79,8 +81,11 @@ def render_(
     for name, value in values.items():
         proc.set(name, value, ramp=0.0)
     report = file.write(out, proc, motion, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
+    if json_:
+        print_json(asdict(report) | {"path": str(report.path), "sidecar": str(report.sidecar)})
     if not quiet:
-        print(report)
+        if not json_:
+            print(report)
         top = max(report.peak.values())
         if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
             share, steps = 100 * top / full_scale, full_scale / 2**23

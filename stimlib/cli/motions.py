@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, UnknownName
+from .scene import number
 
 
 def motions_of(
@@ -19,8 +21,9 @@ def motions_of(
     motion: Annotated[
         list[str],
         typer.Option(
-            help="A recording ([bold].csv[/], [bold].npz[/]; needs --map), or a motion of all inputs, such as "
-            "[bold]'minimum_jerk(depth=0.02)'[/], or of one: [bold]'x1=sinusoid(0.01, 1)'[/]; repeatable. "
+            help="A recording ([bold].csv[/], [bold].npz[/]; needs --map) or a motion such as "
+            "[bold]'minimum_jerk(depth=0.02)'[/], of all inputs; or of one: [bold]'press=sinusoid(0.5, 1)'[/], "
+            "[bold]x=my.csv[/]. Repeatable: an input with a motion of its own does not take the one of all. "
             "See [bold]stimlib list[/]; what a sidecar has under motion is understood too."
         ),
     ] = [],
@@ -49,7 +52,13 @@ def motions_of(
             show_default=False,
         ),
     ] = None,
-    max_speed: Annotated[float, typer.Option(help="Faster than this (m/s) is a fault of the device, not movement.")] = 1.0,
+    max_speed: Annotated[
+        str,
+        typer.Option(
+            help="Faster than this (m/s) is a fault of the device, not movement; only inputs in metres are held to it. For other "
+            "limits, or units: [bold]x=2,press=100[/] (of each per second; the others have none)."
+        ),
+    ] = "1",
     max_gap: Annotated[
         float | None,
         typer.Option(
@@ -60,40 +69,101 @@ def motions_of(
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Motion of every input, and its length where it is a recording."""
-    from ..motion.recorded import Recording, parse_source, recording
+    from ..motion.recorded import Recording, parse_source, recording, served_by
     from ..motion.text import parse_map, parse_where
 
-    motions: dict[str, Any] = {}
-    seconds = None
-    files = [text for text in motion if Path(text).suffix.lower() in (".csv", ".npz")]
-    if (map_ or where) and not files:
+    inputs, columns = list(scene.inputs), parse_map(map_)
+    own, of_all = _assigned(motion or default, inputs)
+    texts = {name: text for name in inputs if (text := own.get(name, of_all))}
+    served = {name: served_by(name, columns, inputs) for name in inputs}
+    _check_map(columns, texts, served)
+    if (map_ or where) and not any(map(_is_file, texts.values())):
         raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
-    for text in motion or default:
-        name, equals, spec = text.partition("=")
+    motions: dict[str, Any] = {}
+    recordings: list[Recording] = []
+    for text in dict.fromkeys(texts.values()):
+        names = [name for name in inputs if texts.get(name) == text]
         found: Any
-        if text in files:
-            if not map_:
-                raise BadValue(f"{text}: name the column of each input, such as --map 'x=force_N*5e-4'")
+        if _is_file(text):
+            used = {column: columns[column] for name in names if (column := served[name])}
+            if not used:
+                raise _unmapped(text, names)
+            in_metres = [column for name, column in served.items() if column and str(scene.inputs[name].dim) == "m"]
             found = recording(
                 text,
-                parse_map(map_),
+                used,
                 where=parse_where(where) if where else None,
                 time=time,
                 reports=reports,
                 repeats=repeats,
-                max_speed=max_speed,
+                max_speed=_max_speed(max_speed, list(used), in_metres, columns),
                 max_gap=max_gap,
             )
-            names = tuple(scene.inputs)
-        elif equals and name.strip() in scene.inputs:
-            found, names = parse_source(spec), (name.strip(),)
         else:
-            found, names = parse_source(text), tuple(scene.inputs)
+            found = parse_source(text)
         if isinstance(found, Recording):
-            motions |= found.for_inputs(names, contact)
-            seconds = found.duration
+            recordings.append(found)
+            found = found.for_inputs(dict.fromkeys([*names, *(name for name in inputs if name == "contact")]), contact)
+            motions |= {name: found[name] for name in names}
         else:
             motions |= dict.fromkeys(names, found)
-    if missing := set(scene.inputs) - set(motions):
+    if "contact" in inputs and "contact" not in own and recordings:
+        if len(recordings) > 1:
+            raise BadValue("contact: each recording has one; say which serves, such as --motion contact=my.csv")
+        motions["contact"] = recordings[0].contact
+    if missing := set(inputs) - set(motions):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
-    return motions, seconds
+    return motions, max((found.duration for found in recordings), default=None)
+
+
+def _is_file(text: str) -> bool:
+    return Path(text).suffix.lower() in (".csv", ".npz")
+
+
+def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, str], str]:
+    """What --motion says of single inputs, and of all others."""
+    from ..motion.recorded import served_by
+
+    own: dict[str, str] = {}
+    of_all = ""
+    for text in motion:
+        name, _, spec = (part.strip() for part in text.partition("="))
+        if names := [n for n in inputs if served_by(n, [name], inputs)]:
+            own |= dict.fromkeys(names, spec)
+        elif of_all:
+            raise BadValue(
+                f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such as {inputs[0]}={text}"
+            )
+        else:
+            of_all = text
+    return own, of_all
+
+
+def _check_map(columns: Mapping[str, str], texts: Mapping[str, str], served: Mapping[str, str | None]) -> None:
+    """Each --map serves an input that takes a recording."""
+    for column in columns:
+        names = [name for name, by in served.items() if by == column]
+        if not names:
+            raise UnknownName(f"--map {column}: the scene has no input {column}; the inputs are: {', '.join(served) or 'none'}")
+        given = [texts[name] for name in names if name in texts]
+        if given and not any(map(_is_file, given)) and any(map(_is_file, texts.values())):
+            raise BadValue(f"--map {column}: {names[0]} has a motion of its own, {given[0]}: leave out one of the two")
+
+
+def _unmapped(file: str, names: Sequence[str]) -> BadValue:
+    """What is said of a recording without --map; of a file that is none, the reader of tables says it first."""
+    from ..motion.table import read_table
+
+    there = ", ".join(read_table(file).names[:12])
+    return BadValue(f"{file}: name the column of {', '.join(names)}, such as --map 'x=force_N*5e-4'; the columns are: {there}")
+
+
+def _max_speed(text: str, used: Sequence[str], in_metres: Sequence[str], columns: Mapping[str, str]) -> Any:
+    """The limit of a recording: a number holds what is in metres, NAME=NUMBER what it names."""
+    from ..motion.text import pairs
+
+    limits = pairs(text.split(","), "--max-speed", "NAME=NUMBER,NAME=NUMBER") if "=" in text else dict.fromkeys(in_metres, text)
+    if wrong := [name for name in limits if name not in columns]:
+        raise UnknownName(f"--max-speed {wrong[0]}: there is no --map {wrong[0]}; there is {', '.join(columns)}")
+    speeds = {name: number(limits[name], f"--max-speed {text}") for name in used if name in limits}
+    return speeds[used[0]] if "=" not in text and len(speeds) == len(used) else speeds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -56,6 +57,11 @@ def verify_(
         if wav is not None:
             raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
         wav, scene = Path(scene), None
+    for path in (scene, wav):
+        if path is not None and Path(path).suffix == ".stimlog":
+            raise BadValue(f"{path} is a log: stimlib verify --log {path}")
+    if scene is not None and wav is None and log is None and not _names_a_scene(scene):
+        raise BadValue(f"{scene} is not a sound file, which ends in one of {', '.join('.' + f.lower() for f in FORMATS)}")
     given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
     if log is not None:
         if wav is not None or given:
@@ -66,13 +72,13 @@ def verify_(
         expected = None if scene is None else scene_of(scene)  # first: it may define blocks that the log names
         result = verify_log(read_log(log), expected)
     else:
-        from ..checks.verify import scene_told, verify_file
+        from ..checks.verify import scene_told, verify
 
         if wav is None:
             raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
         expected = None if scene is None else scene_of(scene)
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0] if given else None
-        result = verify_file(wav, expected, motion)
+        result = verify(expected, motion, wav)
     if report is not None:
         result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
     if json_:
@@ -84,6 +90,10 @@ def verify_(
     end(result.passed)
 
 
+def _names_a_scene(text: str) -> bool:
+    return "(" in text or ":" in text or Path(text).suffix in ("", ".json", ".py")
+
+
 @command("replay")
 def replay(
     log: Annotated[Path, typer.Argument(help="The log of a session, NAME.stimlog.", show_default=False)],
@@ -91,6 +101,7 @@ def replay(
         Path | None, typer.Option(help="Also write what the device was given: .wav, .rf64, .w64 or .caf.", show_default=False)
     ] = None,
     import_: opt.Import = [],
+    json_: opt.Json = False,
 ):
     """Make the samples of a session again, and compare them with the hashes in its log.  Exit status 1 where they differ.
 
@@ -101,5 +112,8 @@ def replay(
     from ..files.session import read_log
 
     result = replay_log(read_log(log), out)
-    print(result)
+    if json_:
+        print_json({"matches": result.matches} | asdict(result))
+    else:
+        print(result)
     end(result.matches)

@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -36,7 +37,7 @@ SceneText = Annotated[
         autocompletion=_begun,
         metavar="SCENE",
         help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
-        "[bold]path.py:function[/] (your own code; it is run), or a saved "
+        "[bold]path.py:name[/] (a function or scene in your own code, which is run), or a saved "
         "[bold]path.json[/] (data; nothing in it is run).",
         show_default=False,
     ),
@@ -63,9 +64,11 @@ def scene_of(text: str) -> Scene:
     path, _, function = text.rpartition(":")
     if path.endswith(".py"):
         return _own(path, function)
+    if text.endswith(".py"):
+        return _own(text, "")
     if text.endswith(".json"):
         return load(text)
-    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:function or path.json")
+    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json")
 
 
 _ours: set[str] = set()  # names of the modules that _own has made
@@ -88,9 +91,12 @@ def _own(path: str, function: str | None = None) -> Any:
         spec.loader.exec_module(module)
         if function is None:
             return None
-        if not callable(make := getattr(module, function, None)):
-            raise SceneError(f"{path} has no function {function!r}")
-        scene = make()
+        found = getattr(module, function, None)
+        if not (callable(found) or isinstance(found, Scene)):
+            what = f"there is no {function!r} in it" if function else "say which function or scene in it"
+            there = ", ".join(_scenes_in(module)) or "no function without arguments, and no scene"
+            raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
+        scene = found if isinstance(found, Scene) else found()
     except Exception as e:
         at = [frame.lineno for frame in traceback.extract_tb(e.__traceback__) if frame.filename == spec.origin]
         line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
@@ -101,6 +107,20 @@ def _own(path: str, function: str | None = None) -> Any:
     if not isinstance(scene, Scene):
         raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
     return scene
+
+
+def _scenes_in(module: ModuleType) -> list[str]:
+    """What may be a scene in a module of the user's: functions of its own that need no argument, and scenes."""
+    return [name for name, found in vars(module).items() if isinstance(found, Scene) or _makes(module, found)]
+
+
+def _makes(module: ModuleType, found: Any) -> bool:
+    if not inspect.isfunction(found) or found.__module__ != module.__name__ or found.__name__.startswith("_"):
+        return False
+    return all(
+        p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+        for p in inspect.signature(found).parameters.values()
+    )
 
 
 def run_files(files: list[str]) -> None:
@@ -136,10 +156,12 @@ def params_of(items: list[str]) -> dict[str, float]:
     """Parameters of --set."""
     from ..motion.text import pairs
 
-    found = {}
-    for name, text in pairs(items, "--set", "NAME=VALUE").items():
-        try:
-            found[name] = float(text)
-        except ValueError:
-            raise BadValue(f"--set {name}={text}: {text!r} is not a number") from None
-    return found
+    return {name: number(text, f"--set {name}={text}") for name, text in pairs(items, "--set", "NAME=VALUE").items()}
+
+
+def number(text: str, option: str) -> float:
+    """A number that an option has, or ``BadValue`` that names it."""
+    try:
+        return float(text)
+    except ValueError:
+        raise BadValue(f"{option}: {text!r} is not a number") from None

@@ -34,18 +34,18 @@ def show(
     from ..run.processor import compile
 
     made = scene_of(scene)
-    plan = compile(made, fs, target="python").plan
-    if json_:
-        print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
-    else:
-        print(shown(made))
-        print(shown(plan))
     if draw is not None:
         from ..analysis.draw import draw as draw_graph
 
         draw_graph(made, draw)
     if save is not None:
         made.save(save)
+    plan = compile(made, fs, target="python").plan
+    if json_:
+        print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
+    else:
+        print(shown(made))
+        print(shown(plan))
 
 
 @command("list")

@@ -69,7 +69,7 @@ class JackSink(Sink):
     def __init__(
         self,
         scene,
-        safety,
+        safety=None,
         *,
         name: str = "stimlib",
         server: str | None = None,

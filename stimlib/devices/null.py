@@ -28,7 +28,7 @@ class NullSink(Sink):
 
     device = "null"
 
-    def __init__(self, scene, safety, *, clocked: bool = True, **options: Any):
+    def __init__(self, scene, safety=None, *, clocked: bool = True, **options: Any):
         self.clock = clocked
         super().__init__(scene, safety, **options)
 

@@ -107,7 +107,7 @@ class PortAudioSink(Sink):
     def __init__(
         self,
         scene,
-        safety,
+        safety=None,
         *,
         name: str | int | None = None,
         latency: str | float = "low",

@@ -89,7 +89,7 @@ class Sink:
     def __init__(
         self,
         scene: Scene,
-        safety: Safety | float,
+        safety: Safety | float | None = None,
         *,
         motion: Any = None,
         seed: int = 0,
@@ -99,6 +99,11 @@ class Sink:
     ):
         if not isinstance(scene, Scene):
             raise BadValue(f"a sink plays a Scene, got {type(scene).__name__}")
+        if safety is None:
+            raise BadValue(
+                "safety is missing: give, as second argument, the value that 1.0 at the device makes, such as 50.0 (N), or a "
+                "stimlib.run.safety.Safety with it; nothing goes beyond"
+            )
         self.scene = scene
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
         self.protected = protect(scene, self.safety)
@@ -394,7 +399,7 @@ class Sink:
         SinkError
             The sink's motion is not ``Live()``; the device has failed.
         BadValue
-            A wrong shape.
+            A wrong shape; a number that is not finite.
         """
         self.check()
         if not isinstance(self.motion, Live) or not self._opened:
@@ -407,6 +412,9 @@ class Sink:
             raise BadValue(
                 f"push: x must be of shape ({len(self.proc.inputs)}, n), rows {', '.join(self.proc.inputs)}; got {x.shape}"
             )
+        for row, column in np.argwhere(~np.isfinite(x))[:1]:
+            value = x[row, column]
+            raise BadValue(f"push: {self.proc.inputs[row]} is {value} in column {column}: push the last known value, or nothing")
         return self.pump.put_motion(x)
 
     def report(self) -> SessionReport:

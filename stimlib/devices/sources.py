@@ -150,7 +150,7 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
         n = min(len(s) for s in sources.values())
         return Recorded(np.stack([s[:n] for s in sources.values()]))
     elif not isinstance(motion, Live):
-        raise BadValue(f"motion must map input names to arrays or functions of time, or be a source; got {type(motion).__name__}")
+        sources_of(motion, inputs, 1)  # which says what it must be
     return motion
 
 

@@ -12,7 +12,7 @@ import ast
 import inspect
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -140,7 +140,7 @@ class Recording:
         """
         names = list(inputs)
         sources = {**self.motion, "contact": self.contact}
-        served = {name: _served_by(name, sources, names) for name in names}
+        served = {name: served_by(name, sources, names) for name in names}
         missing = [name for name, by in served.items() if by is None]
         surplus = [name for name in self.motion if name not in served.values()]
         if missing or surplus:
@@ -351,12 +351,18 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     return known[part]
 
 
-def _served_by(name: str, sources: Mapping[str, Any], names: list[str]) -> str | None:
-    """The recorded name that an input gets: its own, or without its number."""
+def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
+    """The recorded name that an input gets: its own, or without its number where the scene has no input of that name.
+
+    Examples
+    --------
+    >>> served_by("x1", ["x", "press"], ["x1", "x2"])
+    'x'
+    """
     stem = re.sub(r"[0-9]+\Z", "", name)
-    if name in sources:
+    if name in recorded:
         return name
-    return stem if stem in sources and stem not in names else None
+    return stem if stem in recorded and stem not in inputs else None
 
 
 # -- arguments

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.graph import NUMBERS
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, place
 from .generators import GENERATORS
 
 if TYPE_CHECKING:
@@ -69,13 +69,16 @@ def frames_of(seconds: float, fs: float) -> int:
 def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
     """Functions and float64 arrays, one per input, in the processor's order."""
     if not isinstance(motion, Mapping):
-        kind = type(motion).__name__
-        raise BadValue(f"motion must map each input name to a function of time or an array, got {kind}")
+        raise BadValue(
+            f"motion must map each input name to a function of time or an array, got {type(motion).__name__}{_hint(motion)}"
+        )
     check_names("motion", motion, inputs, "input")
     sources = {}
     for name in inputs:
         source = motion[name]
         if not callable(source):
+            if hint := _hint(source):
+                raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")
             try:
                 source = np.asarray(source)
             except (TypeError, ValueError):  # rows of several lengths
@@ -89,13 +92,28 @@ def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) 
     return sources
 
 
+def _hint(given: Any) -> str:
+    """How a recording, or a table that is none yet, becomes the motion of a scene."""
+    if hasattr(given, "for_inputs"):
+        return ": give rec.for_inputs(scene.inputs) of a recording rec"
+    if hasattr(given, "columns"):
+        return ': first rec = stimlib.motion.recorded.recording(table, {"x": "x_mm*1e-3"}), then rec.for_inputs(scene.inputs)'
+    return ""
+
+
 def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
     """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
     x = np.empty((len(sources), stop - start))
     t = np.arange(start, stop) / fs
     for row, (name, source) in zip(x, sources.items(), strict=True):
         if callable(source):
-            values = np.asarray(source(t.copy()))
+            try:
+                values = np.asarray(source(t.copy()))
+            except (TypeError, ValueError) as e:
+                if isinstance(e, BadValue):
+                    raise
+                remedy = "it gets an array of times, so write it with numpy: np.sin for math.sin, np.where for if"
+                raise BadValue(f"{place(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}") from e
             if values.shape != t.shape or values.dtype.kind not in "iuf":
                 raise BadValue(
                     f"motion of {name} must give one number per time: {t.shape} float64 in, {values.shape} {values.dtype} out"

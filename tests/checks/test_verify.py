@@ -79,6 +79,22 @@ def test_a_rendering_of_something_else_is_refused(tmp_path):
     assert not stimlib.verify(scene, MOTION | {"x1": minimum_jerk(depth=0.019)}, path).passed
 
 
+def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
+    scene = stimlib.scenes.squeeze()
+    made = stimlib.render(scene, MOTION, 8000, 0.2)
+    made.save(path := tmp_path / "a.wav", full_scale=50.0)
+    for given in ((path,), (str(path),), (None, MOTION, path), (scene, None, path)):
+        report = stimlib.verify(*given)
+        assert report.passed and any("sidecar's own" in text for text in report.evidence.skipped) == (given[0] is not scene)
+    assert not any("for the reader only" in text for text in report.evidence.skipped)  # written by this version
+    sidecar = path.with_name("a.wav.json")
+    sidecar.write_text(sidecar.read_text().replace(f'"stimlib": "{stimlib.__version__}"', '"stimlib": "0.0.9"'))
+    assert any("written by stimlib 0.0.9, this is" in text for text in stimlib.verify(path).evidence.skipped)
+    for wrong in ((scene,), (made,), (scene, MOTION), (scene, None, made), (None, MOTION, made), ("squeeze", MOTION, path)):
+        with pytest.raises(BadValue, match="verify: give the path of a file alone, or a scene, its motion and a rendering"):
+            stimlib.verify(*wrong)
+
+
 def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
     scene = stimlib.scenes.squeeze()
     proc = stimlib.compile(scene, 8000)

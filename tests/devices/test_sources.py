@@ -54,6 +54,19 @@ def test_bad_numbers():
         NullSink(Scene({"y": stimlib.constant(1.0)}), 1.0, motion={"x": np.sin})
 
 
+def test_what_is_pushed_is_finite():
+    with NullSink(Scene({"y": Input("a") + Input("b")}), 1.0, motion=Live(), clocked=False) as sink:
+        sink.open(FS)
+        with pytest.raises(BadValue, match="push: b is nan in column 1"):
+            sink.push([[0, 1], [2, np.nan]])
+        assert sink.push([[0, 1], [2, 3]]) == 2
+
+
+def test_a_sink_needs_a_full_scale():
+    with pytest.raises(BadValue, match="safety is missing: give, as second argument, .* such as 50.0"):
+        NullSink(Scene({"y": 1 * Input("x")}), motion={"x": np.zeros(9)})
+
+
 @pytest.mark.parametrize("clocked", [False, True])
 def test_a_scripted_hand_is_its_function_of_time(clocked):
     hand, log, seconds = minimum_jerk(0.02), Seen(), 1.5 if clocked else 60.0
