@@ -83,8 +83,8 @@ def friendly() -> Iterator[None]:
     except StimlibError as e:
         failed(e)
         raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        errors.print("stopped; nothing was left behind")
+    except KeyboardInterrupt as e:
+        errors.print(f"stopped; {str(e) or 'nothing was left behind'}", highlight=False)
         raise typer.Exit(130) from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:

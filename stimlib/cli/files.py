@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,10 +35,11 @@ def demo_(
         table.add_column(column, overflow="fold")
     passed = True
     with errors.status("rendering, proving and drawing; the first time also compiling"):
-        for made in demo(folder):
-            for path, what, look in made.files:
-                table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
-            passed &= made.passed
+        with closing(demo(folder)) as stimuli:
+            for made in stimuli:
+                for path, what, look in made.files:
+                    table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+                passed &= made.passed
     print_wide(table)
     print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
     end(passed)
