@@ -72,14 +72,19 @@ def _options(f: Command) -> dict[str, inspect.Parameter]:
 
 @contextmanager
 def friendly() -> Iterator[None]:
-    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3."""
+    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3.
+
+    Where the reader of a pipe went away the status is 141, as of any command.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("default", RuntimeWarning)
             warnings.showwarning = lambda message, *_, **__: note(message)
             yield
-    except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
+    except (typer.Exit, typer.Abort):  # what typer makes an end of
         raise
+    except BrokenPipeError:
+        raise typer.Exit(141) from None
     except StimlibError as e:
         failed(e)
         raise typer.Exit(2) from None

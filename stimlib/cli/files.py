@@ -69,10 +69,14 @@ def render_(
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
     """
     run_files(import_)
+    from ..analysis.picture import check_place
+    from ..analysis.picture import picture as draw
     from ..files import audio as file
     from ..run.processor import compile
     from ..run.rendering import render
 
+    if picture is not None:
+        check_place(picture)
     made = scene_of(scene)
     values = params_of(set_)
     motion, recorded = motions(made, contact=touching(scene))
@@ -89,8 +93,6 @@ def render_(
             text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
             note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
     if picture is not None:
-        from ..analysis.picture import picture as draw
-
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 
 
