@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import shlex
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +12,7 @@ from .analysis.listen import listen
 from .analysis.picture import picture
 from .checks.verify import verify
 from .core import regular
+from .core.pool import spread
 from .core.scene import Scene
 from .files.audio import write
 from .motion.generators import Motion, jittered, minimum_jerk, quantised
@@ -83,7 +81,7 @@ class Shown(NamedTuple):
     """Path, what it is, what to look at."""
 
 
-def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Shown]:
+def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Shown, None, None]:
     """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um (on the touch screen 10 um).
 
     Parameters
@@ -102,6 +100,8 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Show
     ------
     SinkError
         The folder, or a file in it, cannot be written.
+    KeyboardInterrupt
+        As ``stimlib.core.pool.spread``.
 
     Examples
     --------
@@ -113,12 +113,8 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Iterator[Show
     ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
     folder = regular.make_folder(folder)
-    workers = min(workers or os.cpu_count() or 1, len(STIMULI))
-    if workers == 1:
-        yield from map(partial(show, folder), STIMULI)
-    else:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            yield from pool.map(partial(show, folder), STIMULI)
+    with spread(show, [(folder, s) for s in STIMULI], workers) as made:
+        yield from made
 
 
 def show(folder: Path, s: Stimulus) -> Shown:

@@ -75,6 +75,13 @@ def test_render_draws_a_picture(tmp_path):
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_picture_that_cannot_be_is_refused_before_the_render(tmp_path):
+    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(tmp_path / "a.wav")]
+    for wrong, says in (("b.xyz", "must end in one of .png, .svg, .pdf"), (".", "is a folder")):
+        done = run.invoke(app, [*words, "--picture", str(tmp_path / wrong)])
+        assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and not os.listdir(tmp_path), done.output
+
+
 @pytest.mark.parametrize("source", ["own.py:soft", "saved.json"])
 def test_scene_from_own_code_and_from_a_file(tmp_path, source):
     (tmp_path / "own.py").write_text(OWN)
@@ -221,11 +228,31 @@ def test_every_command_ends_so():
     assert len(app.registered_commands) == sum(text.count("\n@command(") for text in texts.values())
 
 
-def test_a_reader_that_goes_away_is_no_defect(tmp_path):
-    with subprocess.Popen([sys.executable, "-m", "stimlib", "show", "squeeze"], stdout=-1, stderr=-1, text=True) as job:
+@pytest.mark.parametrize("words", [["show", "squeeze"], ["list", "--json"]], ids=["at once", "at the end"])
+def test_a_reader_that_goes_away_is_no_defect(words):
+    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
         job.stdout.close()
         said = job.stderr.read()
-    assert job.wait() == 1 and "defect" not in said and "Traceback" not in said
+    assert job.wait() == 141 and said == ""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    ("words", "streams", "status", "says"),
+    [
+        ("verify a.wav", "<&- >&-", 0, ""),
+        ("show missing.json", "2>/dev/full", 2, ""),
+        ("list --json", ">/dev/full", 2, "error: cannot write what is printed: No space left on device\n"),
+        ("render 'squeeze(fingers=1)' --motion 'minimum_jerk()' --full-scale 50 --seconds 0.1 --out é.wav", ">/dev/null", 0, ""),
+    ],
+)
+def test_streams_that_are_closed_full_or_ascii(tmp_path, words, streams, status, says):
+    if "a.wav" in words:
+        file.write(tmp_path / "a.wav", stimlib.compile(scene_of("squeeze(fingers=1)"), 8000), {"x1": minimum_jerk()}, 0.1)
+    command = f"{sys.executable} -m stimlib {words} {streams}"
+    environ = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=tmp_path, env=environ)
+    assert (done.returncode, done.stderr) == (status, says)
 
 
 @pytest.mark.parametrize(
@@ -373,6 +400,23 @@ def test_the_shell_completes_commands_and_scenes(typed, offered):
 def test_help_teaches():
     done = run.invoke(app, ["render", "--help"])
     assert done.exit_code == 0 and "minimum_jerk" in done.output
+
+
+STARTS = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from stimlib.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_while_it_starts_is_quiet():
+    done = subprocess.run([sys.executable, "-c", STARTS], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):

@@ -60,6 +60,6 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
         wheel.extractall(site)
     assert {p.name for p in site.iterdir()} == {"stimlib", f"{name}.dist-info"}
     assert (site / "stimlib" / "py.typed").exists() and (site / f"{name}.dist-info" / "licenses" / "LICENSE").exists()
-    assert "stimlib = stimlib.cli:app" in (site / f"{name}.dist-info" / "entry_points.txt").read_text()
+    assert "stimlib = stimlib.__main__:main" in (site / f"{name}.dist-info" / "entry_points.txt").read_text()
     used = said("-c", USE, cwd=tmp_path, PYTHONPATH=str(site))
     assert used == [str(site / "stimlib" / "__init__.py"), "[0.0, 2.0, 4.0]", "force1 force2", ""]

@@ -31,6 +31,7 @@ POINTS = 1500  # per curve: more cannot be seen
 MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
 FLOOR = 1e-12  # of the top: what of a spectrum is below is rounding
+FORMATS = (".png", ".svg", ".pdf")
 
 
 class Against(NamedTuple):
@@ -90,7 +91,7 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     Raises
     ------
     SinkError
-        The file cannot be written.
+        The file cannot be written, or has another suffix.
 
     Examples
     --------
@@ -103,12 +104,34 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     >>> path.stat().st_size > 10000
     True
     """
+    check_place(path)
     data = io.BytesIO()
-    try:
-        figure(rendering, spectra).savefig(data, dpi=110, format=Path(path).suffix[1:] or "png")
-    except ValueError as e:
-        raise SinkError(f"cannot write the picture {path}: {e}") from e
+    figure(rendering, spectra).savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
     regular.publish(path, data.getvalue())
+
+
+def check_place(path: str | os.PathLike) -> None:
+    """Raise what ``picture`` would of a path, before there is anything to draw.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    SinkError
+        Another suffix, or what is there is no file that may be replaced.
+
+    Examples
+    --------
+    >>> from stimlib.analysis.picture import check_place
+    >>> check_place("squeeze.xyz")
+    Traceback (most recent call last):
+    stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must end in one of .png, .svg, .pdf
+    """
+    regular.check(path)
+    if Path(path).suffix.lower() not in FORMATS:
+        raise SinkError(f"cannot write the picture {path}: its name must end in one of {', '.join(FORMATS)}")
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:

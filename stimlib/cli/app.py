@@ -100,20 +100,25 @@ def _options(f: Command) -> dict[str, inspect.Parameter]:
 
 @contextmanager
 def friendly() -> Iterator[None]:
-    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3."""
+    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3.
+
+    Where the reader of a pipe went away the status is 141, as of any command.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("default", RuntimeWarning)
             once = cache(note)  # the same words from two places are one warning
             warnings.showwarning = lambda message, *_, **__: once(str(message))
             yield
-    except (typer.Exit, typer.Abort, BrokenPipeError):  # what typer makes an end of
+    except (typer.Exit, typer.Abort):  # what typer makes an end of
         raise
+    except BrokenPipeError:
+        raise typer.Exit(141) from None
     except StimlibError as e:
         failed(e)
         raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        errors.print("stopped; nothing was left behind")
+    except KeyboardInterrupt as e:
+        errors.print(f"stopped; {str(e) or 'nothing was left behind'}", highlight=False)
         raise typer.Exit(130) from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,10 +36,11 @@ def demo_(
         table.add_column(column, overflow="fold")
     passed = True
     with errors.status("rendering, proving and drawing; the first time also compiling"):
-        for made in demo(folder):
-            for path, what, look in made.files:
-                table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
-            passed &= made.passed
+        with closing(demo(folder)) as stimuli:
+            for made in stimuli:
+                for path, what, look in made.files:
+                    table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+                passed &= made.passed
     print_wide(table)
     print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
     end(passed)
@@ -69,10 +71,14 @@ def render_(
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
     """
     run_files(import_)
+    from ..analysis.picture import check_place
+    from ..analysis.picture import picture as draw
     from ..files import audio as file
     from ..run.processor import compile
     from ..run.rendering import render
 
+    if picture is not None:
+        check_place(picture)
     made = scene_of(scene)
     values = params_of(set_)
     motion, recorded = motions(made, contact=touching(scene))
@@ -92,8 +98,6 @@ def render_(
             text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
             note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
     if picture is not None:
-        from ..analysis.picture import picture as draw
-
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
 from ..blocks.noise import noise_key
 from ..core import regular
 from ..core.definitions import definitions
+from ..core.pool import spread
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
@@ -94,6 +93,8 @@ def render_set(
         No scenes, a name that is not a plain file name, repetitions below 1; and as ``file.write``.
     SinkError
         As ``file.write``.
+    KeyboardInterrupt
+        As ``stimlib.core.pool.spread``.
 
     Examples
     --------
@@ -121,21 +122,9 @@ def render_set(
     with bar("rendering", len(jobs), progress) as advance:
         todo = {n: job for n, job in jobs.items() if not _is_there(*job)}
         advance(len(jobs) - len(todo))
-        workers = min(workers or os.cpu_count() or 1, len(todo) or 1)
-        if workers == 1:
-            for job in todo.values():
-                _write(*job)
+        with spread(_write, list(todo.values()), workers) as written:
+            for _ in written:
                 advance(1)
-        else:
-            with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-                futures = [pool.submit(_write, *job) for job in todo.values()]
-                try:
-                    for done in as_completed(futures):
-                        done.result()
-                        advance(1)
-                except BaseException:
-                    pool.shutdown(cancel_futures=True)
-                    raise
     names = list(scenes)
     index = {
         "fs": fs,

@@ -1,0 +1,85 @@
+"""Several processes: as one, and none of them is left when the work is stopped, however that is."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from stimlib.core.pool import spread
+
+WORK = """
+import os, signal, sys, time
+from pathlib import Path
+from stimlib.core.pool import spread
+
+def work(folder, n):
+    Path(folder, f"pid{os.getpid()}").touch()
+    part = Path(folder, f"{n}.part")
+    part.touch()
+    try:
+        time.sleep(60 if n else 0)
+        part.rename(Path(folder, f"{n}"))
+    finally:
+        part.unlink(missing_ok=True)
+
+if __name__ == "__main__":
+    try:
+        with spread(work, [(sys.argv[1], n) for n in range(5)], workers=2) as results:
+            list(results)
+    except KeyboardInterrupt as e:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as stimlib.__main__
+        print(e)
+        sys.exit(130)
+"""
+
+
+def alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as f:
+            return f.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
+@pytest.mark.parametrize(
+    ("to", "signals", "code"),
+    [("parent", [signal.SIGINT], 130), ("parent", [signal.SIGINT] * 2, 130), ("all", [signal.SIGINT] * 2, 130),
+     ("parent", [signal.SIGTERM], 143), ("all", [signal.SIGTERM], 143), ("parent", [signal.SIGKILL], -9)],
+)  # fmt: skip
+def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
+    (tmp_path / "work.py").write_text(WORK)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    words = [sys.executable, str(tmp_path / "work.py"), str(folder)]
+    with subprocess.Popen(words, stdout=-1, stderr=-1, text=True, start_new_session=True) as job:
+        while not {"0", "1.part", "2.part"} <= set(os.listdir(folder)):
+            assert job.poll() is None, job.stderr.read()
+            time.sleep(0.02)
+        workers = [int(name[3:]) for name in os.listdir(folder) if name.startswith("pid")]
+        assert len(workers) == 2 and all(map(alive, workers))
+        began = time.monotonic()
+        for s in signals:
+            (os.kill if to == "parent" else os.killpg)(job.pid, s)
+            time.sleep(0.05)
+        out, err = job.communicate(timeout=20)
+        assert job.returncode == code and "Traceback" not in err, err
+        assert code != 130 or "1 of 5 were made" in out
+        while any(map(alive, workers)):
+            assert time.monotonic() < began + 10
+            time.sleep(0.02)
+    assert {name for name in os.listdir(folder) if "pid" not in name} == {"0"}
+
+
+def test_results_come_in_order_and_an_error_is_that_of_the_job():
+    jobs = [(2, n) for n in range(5)]
+    for workers in (1, 2, None):
+        with spread(pow, jobs, workers) as results:
+            assert list(results) == [1, 2, 4, 8, 16]
+    with pytest.raises(ZeroDivisionError), spread(divmod, [(1, 1), (1, 0)], 2) as results:
+        list(results)
+    with spread(pow, []) as results:
+        assert list(results) == []
