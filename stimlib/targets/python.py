@@ -50,12 +50,14 @@ class Engine:
                 self.s[i] = at_rest(self.design[i][1])
             return np.float64(0.0)
         if block.step is not None:
-            y, self.s[i] = block.step(self.p[i], self.s[i], *x)
-            return np.float64(y)
-        tile = np.empty(1)
-        scratch = (self.work[i],) if block.work else ()
-        self.s[i] = block.tile(self.p[i], self.s[i], *(np.array([v]) for v in x), tile, *scratch)  # type: ignore[misc]
-        return tile[0]
+            y, after = block.step(self.p[i], self.s[i], *x)
+        else:
+            tile = np.empty(1)
+            scratch = (self.work[i],) if block.work else ()
+            after = block.tile(self.p[i], self.s[i], *(np.array([v]) for v in x), tile, *scratch)  # type: ignore[misc]
+            y = tile[0]
+        self.s[i] = after._replace(cold=np.float64(0.0)) if block.resettable else after
+        return np.float64(y)
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
         """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""

@@ -318,7 +318,9 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
     if f is not None:
         return f(b, p, s, x, run)
     contact: tuple = ()
-    if b.resettable and not steady(x[-1]):
+    if b.resettable and steady(x[-1]):
+        contact = True, s.cold
+    elif b.resettable:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]

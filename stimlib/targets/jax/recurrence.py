@@ -83,6 +83,7 @@ def _resettable(f: Callable, first: Any) -> Callable:
     def step(p, s, *x):
         y, after = f(p, s, *x[:-2])
         on, rest = x[-2], first._replace(cold=x[-1])
+        after = after._replace(cold=0.0)
         return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
 
     return step
