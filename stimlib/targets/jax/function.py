@@ -35,6 +35,8 @@ class Function:
     and motions.  Inside them JAX must be in 64-bit mode, as ``with jax.enable_x64(True):`` has it; called with plain numbers
     and arrays, f sees to that itself.
 
+    Numbers below 2.3e-308 count as 0, as JAX has them, also in comparisons: a ``contact`` of 5e-324 is none here.
+
     Attributes
     ----------
     inputs, outputs : tuple of str
