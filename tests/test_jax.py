@@ -51,6 +51,28 @@ def test_every_block_equals_the_reference(name):
     assert a.differences == 0, a
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_reset_heals_what_came_in_contact(bad):
+    x, contact = Input("x", "m"), Input("contact")
+    outputs = {"velocity": b.velocity(x, 100, contact=contact) > 0, "track": b.track(x, contact=contact, max_jump=None) > 0}
+    d = {"x": np.sin(np.arange(300) / 20), "contact": np.ones(300)}
+    d["x"][50], d["contact"][100:120] = bad, 0.0
+    a, w = (stimlib.compile(Scene(outputs), 8000, target) for target in ("jax", "python"))
+    got, want = a(motion=d), w.process(np.array([d[name] for name in w.inputs]))
+    for y, name in zip(want, w.outputs, strict=True):
+        assert (got[name] == y)[100:].all(), name
+
+
+def test_what_is_nan_off_contact_enters_no_derivative():
+    bumps = b.bump(Input("x"), "sawtooth", Param("k", 0.3), contact=Input("contact"))
+    f = stimlib.compile(Scene({"y": bumps}), 8000, "jax")
+    x, contact = np.linspace(0.05, 3, 100), np.ones(100)
+    contact[40:60] = 0.0
+    with jax.enable_x64(True):
+        slope = jax.jit(jax.grad(lambda k, x: f({"k": k}, {"x": x, "contact": contact})["y"].sum()))
+        assert slope(0.3, np.where(contact > 0, x, np.nan)) == slope(0.3, x) != 0
+
+
 def test_every_class_has_a_lowering_or_a_step_of_numbers():
     for name, cls in registry.items():
         if not cls.__module__.startswith("stimlib"):

@@ -12,7 +12,7 @@ from contract import ours
 from laws import assert_same
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import Input, Scene, constant
 from stimlib.core import maths, steps
 from stimlib.core.graph import Block
 from stimlib.core.maths import fma, sin, where
@@ -452,6 +452,15 @@ def with_arrays(self, fs):
     return Numbers(np.zeros(3), np.uint64(1), 1.0), Memory(np.zeros(3), np.uint64(1), 1.0)
 
 
+class Contact(NamedTuple):
+    last: float
+    cold: float
+
+
+def cold_in_design(self, fs):  # here: cold
+    return (), Contact(0.0, 0.0)
+
+
 def own(**members):
     members = {"__annotations__": {"x": Block}, "__module__": __name__, "design": designed, **members}
     return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
@@ -478,6 +487,7 @@ def own(**members):
         ({"step": staticmethod(low), "design": text_in_design}, "text", "Mine.design: parameters 'gain' is a str; floats"),
         ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
         ({"step": staticmethod(few), "resettable": True}, "few", "a resettable block has a signal that resets it, the last one"),
+        ({"step": staticmethod(few), "resettable": True, "design": cold_in_design}, "cold", "design: cold = 0.0 in the state"),
         ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
         ({"step": staticmethod(too_many)}, "too many", "State(x, x): it is State(y): too many positional arguments"),
         ({"step": staticmethod(too_few)}, "too few", "State(): it is State(y): missing a required argument: 'y'"),
@@ -553,6 +563,45 @@ def test_types_may_be_noted():
     for target in ("numba", "python"):
         process = stimlib.compile(Scene({"y": own(step=staticmethod(noted))(x)}), 1000, target).process
         assert process(np.ones((1, 1))) == 1.0
+
+
+def summed(p, s, x):
+    return where(s.cold > 0.0, x, s.last + x), Contact(x, 0.0)
+
+
+def summed_cold_kept(p, s, x):
+    return where(s.cold > 0.0, x, s.last + x), Contact(x, s.cold)
+
+
+def summed_cold_negative(p, s, x):
+    return where(s.cold > 0.0, x, s.last + x), Contact(x, -1.0)
+
+
+def summed_tile(p, s, x, y):
+    last = where(s.cold > 0.0, 0.0, s.last)
+    for i in range(x.size):
+        y[i], last = last + x[i], x[i]
+    return Contact(last, s.cold)
+
+
+@pytest.mark.parametrize("first", [1.0, 2.0])
+@pytest.mark.parametrize("target", ["python", "numba", "jax"])
+def test_the_engine_alone_says_where_a_contact_begins(target, first):
+    touch = np.array([0, 1, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1.0])
+    moves = {"x": np.arange(1.0, 13.0), "touch": touch}
+    for step in (summed, summed_cold_kept, summed_cold_negative, summed_tile):
+        members = {
+            "tile" if step is summed_tile else "step": staticmethod(step),
+            "design": lambda self, fs: ((), Contact(0.0, first)),
+        }
+        mine = own(**members, resettable=True, __annotations__={"x": Block, "contact": Block})
+        if target == "jax" and step is summed_tile:
+            continue  # has no step to run
+        for on, wanted in ((Input("touch"), [0, 2, 5, 7, 0, 0, 7, 15, 0, 10, 21, 23]), (constant(1.0), 2 * moves["x"] - 1)):
+            run = stimlib.compile(Scene({"y": mine(x, on)}), 1000, target)
+            given = np.array([moves[name] for name in run.inputs])
+            y = run(motion=given)["y"] if target == "jax" else run.process(given)[0]
+            assert y.tolist() == list(wanted), (step.__name__, y)
 
 
 def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():

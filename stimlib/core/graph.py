@@ -49,8 +49,8 @@ class Block(Refusals):
     p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
 
     A ``resettable`` class runs where its last signal, ``contact``, is above 0; elsewhere its output is 0 and its state that of
-    ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, and 1 after
-    contact; step and tile make it 0.
+    ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, 1 after
+    contact, and 0 after each step or tile, whatever these return for it.
     """
 
     abstract: ClassVar[bool] = True

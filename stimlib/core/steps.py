@@ -208,6 +208,12 @@ def check_design(cls: type, made: Any) -> None:
                     "arrays of them with one dimension are possible"
                 )
     else:
+        cold = getattr(pair[1], "cold", 1.0) if pair and cls.resettable else 1.0  # type: ignore[attr-defined]
+        if isinstance(cold, (np.ndarray, np.uint64)) or not 0 < cold < np.inf:
+            raise SceneError(
+                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a resettable block must be a float "  # type: ignore[attr-defined]
+                "above 0: write 1.0"
+            )
         if pair:
             return
     raise SceneError(

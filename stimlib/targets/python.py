@@ -51,7 +51,8 @@ class Engine:
                 self.s[i] = at_rest(self.design[i][1])
             return np.float64(0.0)
         scratch = (self.work[i],) if block.work else ()
-        y, self.s[i] = sample(block, self.p[i], self.s[i], x, scratch)
+        y, after = sample(block, self.p[i], self.s[i], x, scratch)
+        self.s[i] = after._replace(cold=np.float64(0.0)) if block.resettable else after
         return y
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:

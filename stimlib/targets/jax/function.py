@@ -35,6 +35,8 @@ class Function:
     and motions.  Inside them JAX must be in 64-bit mode, as ``with jax.enable_x64(True):`` has it; called with plain numbers
     and arrays, f sees to that itself.
 
+    Numbers below 2.3e-308 count as 0, as JAX has them, also in comparisons: a ``contact`` of 5e-324 is none here.
+
     Attributes
     ----------
     inputs, outputs : tuple of str
@@ -318,7 +320,9 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
     if f is not None:
         return f(b, p, s, x, run)
     contact: tuple = ()
-    if b.resettable and not steady(x[-1]):
+    if b.resettable and steady(x[-1]):
+        contact = True, s.cold
+    elif b.resettable:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]

@@ -81,8 +81,10 @@ def _resettable(f: Callable, first: Any) -> Callable:
     """A step that rests where the last but one of its signals is not True; the last one is what ``cold`` then is."""
 
     def step(p, s, *x):
-        y, after = f(p, s, *x[:-2])
         on, rest = x[-2], first._replace(cold=x[-1])
+        s = type(first)(*(jnp.where(on, a, b) for a, b in zip(s, rest, strict=True)))  # or a NaN would enter derivatives
+        y, after = f(p, s, *(jnp.where(on, v, 0.0) for v in x[:-2]))
+        after = after._replace(cold=0.0)
         return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
 
     return step
@@ -180,20 +182,27 @@ def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> 
     here = [z if jnp.ndim(a) else a for a, z in zip(flat, scalar, strict=True)] if steady else flat
     columns = matrix(*jax.tree.unflatten(tree, here))
     M = jnp.stack([jnp.stack([jnp.broadcast_to(a, shape) for a in c], axis=-1) for c in columns], axis=-1)
-    s = affine(M, v, jnp.stack(start))
+    if not steady:  # where not even a NaN gets through, the state begins anew
+        ill = jnp.stack(jnp.broadcast_arrays(*part([jnp.full_like(z, jnp.nan) for z in zero], others, x)), axis=-1)
+        anew = jnp.broadcast_to(~jnp.isnan(ill).any(axis=-1), (n,))
+        s = affine(M, v, jnp.stack(start), anew)
+    else:
+        s = affine(M, v, jnp.stack(start))
     return [s[:, j] for j in range(k)]
 
 
 # Solving -------------------------------------------------------------------------------------------------------------
-def affine(M: Any, v: Any, first: Any) -> Any:
+def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
     """States s[0..n-1] before each update of s' = M s + v.
 
-    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.
+    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.  anew (n,): s' = v, whatever s, even NaN.
     """
     n, k = v.shape
+    if anew is None:
+        anew = jnp.zeros(n, bool)
     if n <= SHORT:
-        steps = (jnp.broadcast_to(M, (n, k, k)), v)
-        return lax.scan(lambda s, q: (_apply(q[0], s) + q[1], s), first, steps)[1]
+        steps = (jnp.broadcast_to(M, (n, k, k)), v, anew)
+        return lax.scan(lambda s, q: (_apply(q[0], jnp.where(q[2], 0.0, s)) + q[1], s), first, steps)[1]
     m = math.isqrt(n)  # of blocks
     length = -(-n // m)
     v = jnp.pad(v, ((0, length * m - n), (0, 0))).reshape(m, length, k).swapaxes(0, 1)
@@ -207,13 +216,17 @@ def affine(M: Any, v: Any, first: Any) -> Any:
         Ps = Ps[:, None]
     else:
         M = jnp.pad(M, ((0, length * m - n), (0, 0), (0, 0))).reshape(m, length, k, k).swapaxes(0, 1)
+        anew = jnp.pad(anew, (0, length * m - n)).reshape(m, length).T
 
-        def along_each(c, Mv):
-            P, q = c
-            return (_times(Mv[0], P), _apply(Mv[0], q) + Mv[1]), c
+        def along_each(c, row):
+            (P, q, cut), (M, v, anew) = c, row
+            P, q = jnp.where(anew[:, None, None], 0.0, P), jnp.where(anew[:, None], 0.0, q)
+            return (_times(M, P), _apply(M, q) + v, cut | anew), c
 
         one = jnp.broadcast_to(jnp.eye(k, dtype=v.dtype), (m, k, k))
-        (P, q), (Ps, qs) = lax.scan(along_each, (one, jnp.zeros((m, k), v.dtype)), (M, v))
+        (P, q, cut), (Ps, qs, cuts) = lax.scan(along_each, (one, jnp.zeros((m, k), v.dtype), jnp.zeros(m, bool)), (M, v, anew))
+        starts = jnp.where(cuts[..., None], 0.0, affine(P, q, first, cut))
+        return (_apply(Ps, starts) + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
     starts = affine(P, q, first)  # of the blocks
     return (_apply(Ps, starts) + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
 

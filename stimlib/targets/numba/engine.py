@@ -115,11 +115,13 @@ def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type
     before.append(f"s = _sl_S({', '.join(s_args)})" if s_kinds else "s = ()")
     before += [f"x{j} = _sl_carray(_sl.at(W, A[{j}]), n)" for j in range(inputs)]
     before.append(f"y = _sl_carray(_sl.at(W, A[{inputs}]), n)")
+    warm = [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"] if cls.resettable else []  # type: ignore[attr-defined]
     if cls.tile:  # type: ignore[attr-defined]
         scratch = [f"_sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
-        body = [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})"]
+        body = [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
     else:
-        body = ["for i in range(n):", f"    y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"]
+        sample = f"y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"
+        body = ["for i in range(n):", *("    " + text for text in [sample, *warm])]
     lines = "\n".join("    " + text for text in [*before, *body, *after])
     out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{lines}\n')
     text = "\n".join(out)
