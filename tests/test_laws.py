@@ -432,7 +432,7 @@ class Trespass(Block):
         return Numbers(np.zeros(3), 3.0), ()
     @staticmethod
     def step(p, s, x):
-        return x + p.table[np.int64(p.at)], s
+        return x + p.table[np.int64(x * p.at)], s
 """
 
 

@@ -120,7 +120,7 @@ def check_place(path: str | os.PathLike) -> None:
     Raises
     ------
     SinkError
-        Another suffix, or what is there is no file that may be replaced.
+        Another suffix, or a folder is there.
 
     Examples
     --------
@@ -129,7 +129,8 @@ def check_place(path: str | os.PathLike) -> None:
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must end in one of .png, .svg, .pdf
     """
-    regular.check(path)
+    if os.path.isdir(path):
+        raise SinkError(f"cannot write the picture {path}: it is a folder")
     if Path(path).suffix.lower() not in FORMATS:
         raise SinkError(f"cannot write the picture {path}: its name must end in one of {', '.join(FORMATS)}")
 

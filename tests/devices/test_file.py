@@ -353,7 +353,8 @@ def test_an_exception_leaves_the_old_file(old, format, error):
 
     with raises_and_leaves_as_it_was(old, BaseException) as info:
         file.write(path, proc, {"x": motion}, 1.0, full_scale=64.0, block=1000)
-    assert info.value is error and proc.index == 2000  # it passes as it is
+    told = info.value.__cause__ if isinstance(info.value, BadValue) else info.value  # of what a motion calls
+    assert told is error and isinstance(info.value, BadValue) == (type(error) in (ValueError, TypeError)) and proc.index == 2000
     file.read(path)
 
 
