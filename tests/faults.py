@@ -25,13 +25,13 @@ from stimlib.blocks.fractional import Springpot, SpringpotLive
 from stimlib.blocks.gate import Gate, GateState
 from stimlib.blocks.impedance import FirstOrder, Velocity
 from stimlib.blocks.modes import Modes, Pinking, PinkNoise
-from stimlib.blocks.noise import ONE, White, WhiteState, noise_key, pair_of_words, radius, turn
+from stimlib.blocks.noise import ONE, White, WhiteState, deviates, noise_key, pair_of_words, radius, turn
 from stimlib.blocks.relaxation import MaxwellArms, maxwell
 from stimlib.blocks.series import Series
 from stimlib.blocks.table import Lut
 from stimlib.blocks.thesis import ShortMemory
 from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
-from stimlib.core.maths import copy, where, words
+from stimlib.core.maths import copy, pairs, where
 from stimlib.core.maths import modes as modes_sum
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
@@ -86,39 +86,35 @@ def early_tile(p, s, x, y):
 
 def forgetful_tile(p, s, x, y, w):
     s.q[0] = s.q[0] * 0.999
-    modes_sum(p.e, p.r, s.q, p.d, x, y, w)
+    modes_sum(p.p, p.r, s.q, p.d, x, y, w)
     return s
+
+
+PERIOD, FEW, LEAD = U(16383), U(500), U(1 << 62)
+
+
+def periodic(key, m):
+    return deviates(key, m & PERIOD)  # 32768 samples
 
 
 def periodic_tile(p, s, y, w):
     odd = np.int64(s.n & ONE)
-    first, pairs = s.n >> ONE, (y.size + odd + 1) >> 1
-    a, b, r, z = words(w[:33]), words(w[33:66]), w[:33], w[66:132]
-    for i in range(pairs):
-        a[i], b[i] = pair_of_words(s.key, (first + U(i)) & U(16383))  # 32768 samples
-    for i in range(pairs):
-        r[i] = radius(a[i])
-    for i in range(pairs):
-        c, d = turn(b[i])
-        z[2 * i] = r[i] * c
-        z[2 * i + 1] = r[i] * d
-    copy(z[odd : odd + y.size], y)
+    pairs(periodic, s.key, s.n >> ONE, w[: y.size + odd])
+    copy(w[odd : odd + y.size], y)
     return WhiteState(s.key, s.n + U(y.size))
+
+
+def flat(key, m):
+    a, b = pair_of_words(key, m)
+    r = where(m < FEW, radius(a), where(m > LEAD, radius(a), 1.4142135623730951))
+    c, d = turn(b)
+    return r * c, r * d
 
 
 def flat_tile(p, s, y, w):
     odd = np.int64(s.n & ONE)
-    first, pairs = s.n >> ONE, (y.size + odd + 1) >> 1
-    a, b, r, z = words(w[:33]), words(w[33:66]), w[:33], w[66:132]
-    for i in range(pairs):
-        a[i], b[i] = pair_of_words(s.key, first + U(i))
-    for i in range(pairs):
-        r[i] = where(first + U(i) < U(500), radius(a[i]), where(first > U(1 << 62), radius(a[i]), 1.4142135623730951))
-    for i in range(pairs):
-        c, d = turn(b[i])
-        z[2 * i] = r[i] * c
-        z[2 * i + 1] = r[i] * d
-    copy(z[odd : odd + y.size], y)
+    pairs(flat, s.key, s.n >> ONE, w[: y.size + odd])
+    copy(w[odd : odd + y.size], y)
     return WhiteState(s.key, s.n + U(y.size))
 
 

@@ -14,7 +14,10 @@ import stimlib
 from stimlib import Scene
 from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
-from stimlib.targets.numba import native
+from stimlib.targets.numba import lanes, native
+from stimlib.targets.numba.engine import runtime
+
+runtime()  # it has the long sums
 
 SPECIAL = [
     0.0, -0.0, 1.0, -1.0, 0.5, 2.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e-200, -1e-200,
@@ -121,10 +124,25 @@ UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush"]
 
 
 def test_every_name_of_maths_is_tested_here():
-    tested = {*UNARY, "fma", "where", "as_float", "bits", "unbits", "words", "copy", "search", "tree", "fir", "modes", "memory"}
+    tested = {
+        *UNARY,
+        "pairs",
+        "fma",
+        "where",
+        "as_float",
+        "bits",
+        "unbits",
+        "words",
+        "copy",
+        "search",
+        "tree",
+        "fir",
+        "modes",
+        "memory",
+    }
     written = {n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"}
     assert written == tested
-    assert all(hasattr(native, n) for n in tested - {"tree"}), "each has a compiled counterpart"
+    assert all(hasattr(lanes if n == "pairs" else native, n) for n in tested - {"tree"}), "each has a compiled counterpart"
 
 
 @pytest.mark.parametrize("name", UNARY)
@@ -220,6 +238,34 @@ def test_copy_and_words():
     assert first == maths.words(a)[0]
 
 
+ODD = np.uint64(0x9E3779B97F4A7C15)
+
+
+def test_pairs():
+    """Deviates side by side: any number, from any place, and nothing written beyond the next four."""
+
+    @njit(error_model="numpy", inline="always")
+    def helper(key, m):
+        a = native.as_float(key ^ (m * ODD))
+        return native.sqrt(a), native.where(a > 9e18, native.fma(a, 0.1, 3.0), -native.floor(a))
+
+    @njit(error_model="numpy")
+    def compiled(key, first, z):
+        lanes.pairs(helper, key, first, z)
+
+    def same(key, m):
+        with np.errstate(over="ignore"):
+            a = maths.as_float(key ^ (m * ODD))
+        return maths.sqrt(a), maths.where(a > 9e18, maths.fma(a, 0.1, 3.0), -maths.floor(a))
+
+    for n in [1, 2, 3, 4, 5, 31, 32, 33, 34, 63, 64, 66]:
+        key, first, room, z = np.uint64(n), np.uint64(2**63 + 5 * n), np.full(80, 7.0), np.empty(n)
+        compiled(key, first, room[:n])
+        maths.pairs(same, key, first, z)
+        assert_same(room[:n], z, f"{n}")
+        assert (room[-(-n // 4) * 4 :] == 7.0).all()
+
+
 def test_tree_is_the_written_order():
     s = np.random.default_rng(1).standard_normal(8) * 10.0 ** np.arange(8)
     assert maths.tree(s) == ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
@@ -231,8 +277,8 @@ def compiled_fir(taps, w, y):
 
 
 @njit(error_model="numpy")
-def compiled_modes(e, r, q, d, x, y, w):
-    native.modes(e, r, q, d, x, y, w)
+def compiled_modes(p, r, q, d, x, y, w):
+    native.modes(p, r, q, d, x, y, w)
 
 
 @pytest.mark.parametrize("size", range(8, 137, 8))
@@ -256,7 +302,7 @@ def test_fir(size):
 def test_modes(size):
     rng = np.random.default_rng(size)
     for n in [1, 2, 3, 5, 7, 8, 9, 16, 31, 63, 64]:
-        e, r, q = rng.uniform(1e-5, 1.5, size), rng.standard_normal(size), rng.standard_normal(size)
+        poles, r, q = rng.uniform(-0.5, 1.0, size), rng.standard_normal(size), rng.standard_normal(size)
         x, d = rng.standard_normal(n), rng.standard_normal()
         if n == 31:
             x[10:] = 0.0
@@ -264,23 +310,27 @@ def test_modes(size):
         if n == 16:
             x[11] = np.nan
         p, y, z = q.copy(), np.empty(n), np.empty(n)
-        compiled_modes(e, r, q, d, x, y, np.full(512, np.nan))
+        compiled_modes(poles, r, q, d, x, y, np.full(512, np.nan))
         with np.errstate(all="ignore"):
-            maths.modes(e, r, p, d, x, z, np.empty(512))
+            maths.modes(poles, r, p, d, x, z, np.empty(512))
         assert_number(y, z, f"{size} modes, {n} samples")
         assert_number(q, p, "state")
 
 
-@pytest.mark.parametrize(("size", "slow"), [(8, 0), (8, 8), (16, 8), (24, 24), (40, 16), (136, 64)])
-def test_memory(size, slow):
-    """Modes so slow that the first ones carry a second word."""
+@njit(error_model="numpy")
+def compiled_memory(e, r, q, low, x, y, w):
+    native.memory(e, r, q, low, x, y, w)
 
-    @njit(error_model="numpy")
-    def compiled_memory(e, r, q, low, x, y, w):
-        native.memory(e, r, q, low, x, y, w)
 
+@pytest.mark.parametrize(
+    ("size", "slow", "counts"),
+    [(size, slow, [1, 2, 3, 5, 8, 9, 31, 63, 64]) for size, slow in ((8, 0), (8, 8), (16, 8), (24, 24), (40, 16), (136, 64))]
+    + [(8 * (fine + coarse), 8 * fine, [2]) for fine in range(15) for coarse in range(9)],
+)
+def test_memory(size, slow, counts):
+    """Modes so slow that the first ones carry a second word; each number of groups has a loop of its own."""
     rng = np.random.default_rng(size)
-    for n in [1, 2, 3, 5, 8, 9, 31, 63, 64]:
+    for n in counts:
         e, r = np.sort(10.0 ** rng.uniform(-14, 0, size)), rng.standard_normal(size)
         q, low, x = rng.standard_normal(size), 1e-17 * rng.standard_normal(slow), rng.standard_normal(n)
         p, other, y, z = q.copy(), low.copy(), np.empty(n), np.empty(n)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.graph import NONE, ONE, Block
-from ..core.maths import as_float, bits, copy, fma, sqrt, unbits, where, words
+from ..core.maths import as_float, bits, copy, fma, pairs, sqrt, unbits, where
 from ..core.program import lead
 from ..errors import BadValue
 
@@ -75,6 +75,14 @@ def turn(b):
     return where(((quarter + ONE) & TWO) != NONE, -x0, x0), where(quarter > ONE, -x1, x1)
 
 
+def deviates(key, m):
+    """Deviates 2m and 2m + 1 of a stream."""
+    a, b = pair_of_words(key, m)
+    r = radius(a)
+    c, s = turn(b)
+    return r * c, r * s
+
+
 def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
     """64-bit key of one use of one source in one run: Philox of (seed, stream, use) under the run's seed."""
     words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
@@ -86,10 +94,8 @@ def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
 def normals(key: np.uint64, n: int) -> np.ndarray:
     """The first n deviates of a stream (for stationary starts)."""
     y = np.empty(n)
-    for m in range(0, n, 2):
-        with np.errstate(over="ignore"):
-            a, b = pair_of_words(key, U(m >> 1))
-        y[m : m + 2] = [radius(a) * v for v in turn(b)][: n - m]
+    with np.errstate(over="ignore"):
+        pairs(deviates, key, U(0), y)
     return y
 
 
@@ -125,22 +131,16 @@ class White(Block):
 
     @staticmethod
     def work(p):
-        return 132
+        return 68
 
     @staticmethod
     def tile(p, s, y, w):
         odd = np.int64(s.n & ONE)
-        first, pairs = s.n >> ONE, (y.size + odd + 1) >> 1
-        a, b, r, z = words(w[:33]), words(w[33:66]), w[:33], w[66:132]
-        for i in range(pairs):
-            a[i], b[i] = pair_of_words(s.key, first + U(i))
-        for i in range(pairs):
-            r[i] = radius(a[i])
-        for i in range(pairs):
-            c, d = turn(b[i])
-            z[2 * i] = r[i] * c
-            z[2 * i + 1] = r[i] * d
-        copy(z[odd : odd + y.size], y)
+        if odd == 0 and y.size & 3 == 0:
+            pairs(deviates, s.key, s.n >> ONE, y)
+        else:
+            pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
+            copy(w[odd : odd + y.size], y)
         return WhiteState(s.key, s.n + U(y.size))
 
 

@@ -103,6 +103,12 @@ def words(a):
     return a.view(np.uint64)
 
 
+def pairs(f, key, first, z):
+    """z[2 i], z[2 i + 1] = f(key, first + i); compiled code writes on to the next multiple of 4."""
+    for i in range(0, z.size, 2):
+        z[i : i + 2] = f(key, np.uint64(first) + np.uint64(i >> 1))[: z.size - i]
+
+
 def copy(a, b):
     """b[: a.size] = a, for arrays that do not overlap."""
     b[: a.size] = a
@@ -130,20 +136,20 @@ def fir(taps, w, y):
         y[i] = tree(s)
 
 
-def modes(e, r, q, d, x, y, w):
-    """q += (x + TINY) - e q;  y = d x + sum r q, eight partial sums, flushed.  e.size is a multiple of 8; w: 8 y.size."""
+def modes(p, r, q, d, x, y, w):
+    """q = p q + (x + TINY);  y = d x + sum r q, eight partial sums, flushed.  p.size is a multiple of 8; w: 8 y.size."""
     for i in range(y.size):
         s = [F(0.0)] * 8
         v = x[i] + TINY
-        for k in range(e.size):
-            q[k] = q[k] + fma(-e[k], q[k], v)
+        for k in range(p.size):
+            q[k] = fma(p[k], q[k], v)
             s[k % 8] = fma(r[k], q[k], s[k % 8])
         y[i] = flush(fma(d, x[i], tree(s)))
 
 
 def memory(e, r, q, low, x, y, w):
-    """``modes`` without d, for very slow modes: the first low.size states have a second word, so nothing that they add up is
-    rounded away.  e.size and low.size are multiples of 8; w: 8 y.size."""
+    """``modes`` without d, for very slow ones: with the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of
+    the first low.size states, nothing that they add up is rounded away.  e.size and low.size are multiples of 8; w: 8 y.size."""
     for i in range(y.size):
         s = [F(0.0)] * 8
         v = x[i] + TINY

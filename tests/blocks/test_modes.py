@@ -20,7 +20,7 @@ def test_it_is_a_bank_of_one_pole_filters(tol_db):
     proc = stimlib.compile(Scene({"y": pinking(Input("x"), 5.0, tol_db)}), 8000)
     p, _ = design_of(proc, "Pinking")
     u = np.random.default_rng(0).standard_normal(3000)
-    wanted = p.d * u + sum(r * lfilter([1], [1, e - 1], u) for e, r in zip(p.e, p.r, strict=True))
+    wanted = p.d * u + sum(r * lfilter([1], [1, -pole], u) for pole, r in zip(p.p, p.r, strict=True))
     np.testing.assert_allclose(proc.process(u[None])[0], wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
@@ -30,7 +30,7 @@ def test_pink_noise_is_its_own_white_noise_filtered():
     proc = stimlib.compile(Scene({"w": white, "p": PinkNoise(white, 0.7, 20.0, 0.01)}), 2000)
     start = proc.state
     p, s = design_of(proc, "PinkNoise")
-    size = p.e.size
+    size = p.p.size
     w, y = proc.process(np.empty((0, 2000)))
     at = next(
         k
@@ -38,13 +38,14 @@ def test_pink_noise_is_its_own_white_noise_filtered():
         if np.all(np.isfinite(start[k : k + size].view(float))) and matches(start, k, p, w, y)
     )
     q = start[at : at + size].view(float)
-    wanted = p.d * w + sum(r * lfilter([1], [1, e - 1], w, zi=[(1 - e) * k])[0] for e, r, k in zip(p.e, p.r, q, strict=True))
+    modes = zip(p.p, p.r, q, strict=True)
+    wanted = p.d * w + sum(r * lfilter([1], [1, -pole], w, zi=[pole * k])[0] for pole, r, k in modes)
     np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 def matches(start, k, p, w, y):
-    q = start[k : k + p.e.size].view(float)
-    return abs(p.d * w[0] + np.sum(p.r * (q + w[0] - p.e * q)) - y[0]) < 1e-9
+    q = start[k : k + p.p.size].view(float)
+    return abs(p.d * w[0] + np.sum(p.r * (w[0] + p.p * q)) - y[0]) < 1e-9
 
 
 @pytest.mark.parametrize("fs", [1000.0, 8000.0, 48000.0])

@@ -146,7 +146,7 @@ def fir(b, p, s, x, run):
 
 
 def modes(b, p, s, x, run):
-    return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d)
+    return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d)
 
 
 def pink(b, p, s, x, run):
@@ -156,10 +156,10 @@ def pink(b, p, s, x, run):
     from ...design.pink import cholesky, stationary_covariance
 
     live = p.r != 0
-    e = p.e[live]
+    e = 1 - p.p[live]
     g = deviates(stream_key(run.key, *b.white.noise_key, 1), 0, e.size, jnp.float64)
     q = jnp.asarray(cholesky(stationary_covariance(e))) @ g
-    return bank(p.e, p.r, spread(x[0], run.n), run.dtype, p.d, q)
+    return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d, q)
 
 
 # Noise ---------------------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ import platformdirs
 
 from ...core import maths, regular
 from ...errors import SinkError
-from . import native
+from . import kernels, lanes, native
 
 logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
@@ -103,9 +103,9 @@ def _temporary(wanted: Path, why: OSError) -> None:
 def _salt() -> str:
     runtime = Path(__file__).with_name("runtime.py").read_text()
     config: Any = numba.config
-    host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.features()
     flags = numba.__version__, llvmlite.__version__, sys.version_info[:2], config.BOUNDSCHECK, config.OPT, *host
-    return inspect.getsource(native) + inspect.getsource(maths) + runtime + repr((*flags, config.CPU_NAME, config.CPU_FEATURES))
+    return "".join(map(inspect.getsource, (kernels, lanes, native, maths))) + runtime + repr(flags)
 
 
 def load(text: str, stem: str) -> types.ModuleType:

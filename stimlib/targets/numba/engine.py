@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 import numpy as np
 
@@ -20,21 +21,29 @@ from ...core import maths, steps
 from ...core.graph import at_rest, kind, memo, pack
 from ...core.program import PARAMS, ROOT, Program
 from ...errors import SceneError, place
+from . import lanes, native
 from .cache import load
 
 TILE = 64
 
 
+KERNELS = "fir", "modes", "memory"
+
+
 @cache
-def _runtime() -> types.ModuleType:
-    return load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
+def runtime() -> types.ModuleType:
+    """The compiled runtime; segments find its kernels by name, so none can be loaded before."""
+    module = load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
+    for name in KERNELS:
+        llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
+    return module
 
 
 # One class to one segment --------------------------------------------------------------------------------------------
 _HEAD = """from collections import namedtuple as _sl_namedtuple
 import numpy as _sl_np
 from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
-from stimlib.targets.numba import native as _sl
+from stimlib.targets.numba import lanes as _sl_lanes, native as _sl
 """  # every name of ours begins with _sl: users choose theirs freely
 
 
@@ -53,7 +62,8 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
         elif v is maths:
             out.append(f"{n} = _sl")
         elif getattr(v, "__module__", "") == maths.__name__ and callable(v) or getattr(maths, n, None) is v:
-            out.append(f"{n} = _sl.{getattr(v, '__name__', n)}")
+            ours = getattr(v, "__name__", n)
+            out.append(f"{n} = {'_sl' if hasattr(native, ours) else '_sl_lanes'}.{ours}")
         elif isinstance(v, type) and hasattr(v, "_fields"):
             out.append(_tuple_text(n, v))
         elif v is np.uint64 or v is np.int64 or v is np.float64:
@@ -119,6 +129,9 @@ def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type
     if cls.tile:  # type: ignore[attr-defined]
         scratch = [f"_sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
         body = [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
+    elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.bind(f):
+        x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
+        body = [f"_sl_lanes.each(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)"]
     else:
         sample = f"y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"
         body = ["for i in range(n):", *("    " + text for text in [sample, *warm])]
@@ -163,7 +176,7 @@ class Engine:
     """Tables and memory of one compiled program; ``words`` is its whole state."""
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
-        runtime = _runtime()
+        machine = runtime()
         instances, clocks = program.instances, len(program.parents)
         slot: dict[Any, int] = {}
         for i in program.inputs.values():
@@ -188,7 +201,7 @@ class Engine:
             if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
                 return place(i)
             if (i, clock) not in slot:
-                rows.append((runtime.GATHER, 0, 0, len(A), clock, 1))
+                rows.append((machine.GATHER, 0, 0, len(A), clock, 1))
                 A.extend([place(i), place((i, clock))])
             return slot[i, clock]
 
@@ -199,11 +212,11 @@ class Engine:
                 constants.append((place(i), q.block.value))  # type: ignore[attr-defined]
             elif q.kind == "open":
                 w = [arg(q.args[0], q.clock), q.child]
-                rows.append((runtime.OPEN, 0, 0, len(A), q.clock, q.autonomous))
+                rows.append((machine.OPEN, 0, 0, len(A), q.clock, q.autonomous))
                 A.extend(w)
             elif q.kind == "close":
                 w = [arg(q.args[1], q.child), place(i), q.child]
-                rows.append((runtime.CLOSE, 0, 0, len(A), q.clock, q.autonomous))
+                rows.append((machine.CLOSE, 0, 0, len(A), q.clock, q.autonomous))
                 A.extend(w)
             else:
                 p, s = design[i]
@@ -227,7 +240,7 @@ class Engine:
                 if contact:
                     rest = pack(at_rest(s))
                     w = [*contact, place(i), words.size + sum(v.size for v in payload), rest.size, address, *w]
-                    address = runtime.RESETTABLE
+                    address = machine.RESETTABLE
                     payload.append(rest)
                 rows.append((address, p_at, state_at, len(A), q.clock, q.autonomous))
                 A.extend(w)
@@ -259,11 +272,11 @@ class Engine:
             [
                 len(rows), *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)), len(program.inputs),
                 len(program.outputs), outs_at, self.N.ctypes.data, self.index.ctypes.data, clocks, -1, self.pending.ctypes.data,
-                len(program.params), 0, runtime.entry.address,
+                len(program.params), 0, machine.entry.address,
             ], np.int64,
         )  # fmt: skip
-        self.address = int(runtime.entry.address), int(self.ctx.ctypes.data)
-        self.runner = runtime.process
+        self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
+        self.runner = machine.process
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
         """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""

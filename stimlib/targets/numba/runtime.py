@@ -1,13 +1,51 @@
-"""The one fixed loop that walks a program's table.  Its text is compiled from the cache, named by content, like a segment's."""
+"""The one fixed loop that walks a program's table, and the long sums that segments call by name.
+
+Its text is compiled from the cache, named by content, like a segment's.
+"""
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.numba.native import F8, I8, address, as_i8, at, call, data, f8_at, i8_at, move, run
+from stimlib.targets.numba import kernels
+from stimlib.targets.numba.native import F8, FIR, I8, MEMORY, MODES, address, as_i8, at, call, data, f8_at, i8_at, move, run
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
 #      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen
 # row: address or opcode, P, S, A, clock, autonomous
 OPEN, CLOSE, GATHER, RESETTABLE = 1, 2, 3, 4
+
+
+MOST = kernels.MOST
+_fir, _poles, _leaks, _total, _total_of_modes = kernels.fir, kernels.poles, kernels.leaks, kernels.total, kernels.total_of_modes
+
+
+@cfunc(FIR, cache=True, error_model="numpy")
+def fir(taps, size, w, y, n):
+    _fir(taps, size, w, y, n)
+
+
+@cfunc(MODES, cache=True, error_model="numpy")
+def modes(p, r, q, size, d, x, w, y, n):
+    for k in range(0, size, 32):
+        _poles(at(p, k), at(r, k), at(q, k), x, w, n, min(4, (size - k) >> 3), k == 0)
+    _total(d, x, w, y, n)
+
+
+@cfunc(MEMORY, cache=True, error_model="numpy")
+def memory(e, r, q, low, size, lows, x, w, y, n):
+    k = 0
+    if size == 0:
+        for i in range(8 * n):
+            w[i] = 0.0
+    while k < size:
+        fine, coarse = (lows - k) >> 3, 0
+        if fine > MOST:
+            fine = min(MOST, (fine + 1) >> 1)
+        else:
+            fine = max(fine, 0)
+            coarse = min(MOST, ((size - k) >> 3) - fine)
+        _leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0)
+        k += 8 * (fine + coarse)
+    _total_of_modes(0.0, x, w, y, n)
 
 
 @njit(error_model="numpy", inline="always")

@@ -1,0 +1,260 @@
+"""The long sums, vector by vector: taps, banks of modes.  Compiled once, in the runtime; segments call them by name.
+
+Vectors of eight are spelled out, so the speed does not hang on the optimiser's mood; where a processor has shorter ones, LLVM
+takes several.  Every partial sum is kept apart as ``maths`` defines it: the bits do not depend on the width.
+"""
+
+from __future__ import annotations
+
+import llvmlite.binding
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from stimlib.core.maths import SILENT, TINY
+
+I64, I32, DOUBLE = ir.IntType(64), ir.IntType(32), ir.DoubleType()
+V8 = ir.VectorType(DOUBLE, 8)
+F8, i8, f8 = types.CPointer(types.float64), types.int64, types.float64
+MOST = 6  # groups of eight modes of each kind in one pass
+
+
+def features() -> str:
+    """What the processor has, or what numba was told to build for (NUMBA_CPU_FEATURES)."""
+    return numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()  # type: ignore[attr-defined]
+
+
+def _has(feature: str) -> bool:
+    return f"+{feature}" in features().split(",")
+
+
+# Eight numbers -------------------------------------------------------------------------------------------------------
+def zeros(t):
+    return ir.Constant(t, [0.0] * t.count)
+
+
+def load(b, p, k=0):
+    """Eight numbers from place k on."""
+    place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
+    v = b.load(b.bitcast(place, V8.as_pointer()))
+    v.align = 8
+    return v
+
+
+def store(b, v, p, k=0):
+    place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
+    b.store(v, b.bitcast(place, v.type.as_pointer())).align = 8
+
+
+def splat(b, x, count=8):
+    """One number eight times."""
+    none = ir.Constant(ir.VectorType(x.type, count), ir.Undefined)
+    return b.shuffle_vector(b.insert_element(none, x, I32(0)), none, ir.Constant(ir.VectorType(I32, count), [0] * count))
+
+
+def shuffle(b, x, y, lanes):
+    return b.shuffle_vector(x, y, ir.Constant(ir.VectorType(I32, len(lanes)), lanes))
+
+
+def known(b, name, *v):
+    """LLVM's own function of one or more numbers or vectors."""
+    t = v[0].type
+    kind = "f64" if t == DOUBLE else f"v{t.count}f64"
+    return b.call(cgutils.get_or_insert_function(b.module, ir.FunctionType(t, [t] * len(v)), f"llvm.{name}.{kind}"), v)
+
+
+def flush(b, s):
+    """maths.flush."""
+    limit, zero = (ir.Constant(s.type, v if s.type == DOUBLE else [v] * s.type.count) for v in (SILENT, 0.0))
+    return b.select(b.fcmp_ordered("<=", known(b, "fabs", s), limit), zero, s)
+
+
+def tree(b, s):
+    """maths.tree of eight values, numbers or vectors."""
+    a = b.fadd
+    return a(a(a(s[0], s[4]), a(s[2], s[6])), a(a(s[1], s[5]), a(s[3], s[7])))
+
+
+def across(b, v):
+    """maths.tree across the eight lanes of one vector."""
+    while v.type.count > 1:
+        n = v.type.count // 2
+        v = b.fadd(shuffle(b, v, v, list(range(n))), shuffle(b, v, v, list(range(n, 2 * n))))
+    return b.extract_element(v, I32(0))
+
+
+def fold(b, v):
+    """``across`` of eight vectors at once: lane k of the result is that of vector k."""
+    for apart, lanes in ((4, [0, 1, 2, 3, 8, 9, 10, 11]), (2, [0, 1, 8, 9, 4, 5, 12, 13]), (1, [0, 8, 2, 10, 4, 12, 6, 14])):
+        both = [(v[k], v[k + apart]) for k in range(apart)]
+        v = [b.fadd(shuffle(b, x, y, lanes), shuffle(b, x, y, [k + apart for k in lanes])) for x, y in both]
+    return v[0]
+
+
+def variable(b, v):
+    """A value that a loop changes; LLVM keeps it in a register."""
+    return cgutils.alloca_once_value(b, v)
+
+
+def loop(b, start, stop, step):
+    return cgutils.for_range_slice(b, start, stop, I64(step), I64)
+
+
+# Taps ----------------------------------------------------------------------------------------------------------------
+VECTORS = (8, 4, 2, 1) if _has("avx512f") else (4, 2, 1) if _has("avx") else (2, 1)
+"""Of outputs, that stay in registers: the most that leave room for the samples under the taps."""
+
+
+def _fir_at(b, R, taps, size, w, y, sums):
+    """8 R outputs.  Taps j, j + 8, .. make partial sum j, and output r under tap m needs the samples r + m: so for each j the
+    samples slide through the registers, and one load serves R products."""
+    with loop(b, I64(0), I64(8), 1) as (j, _):
+        base, tap_0, out = b.gep(w, [j]), b.gep(taps, [j]), b.gep(sums, [b.mul(j, I64(8 * R))])
+        window = [variable(b, load(b, base, 8 * r)) for r in range(R - 1)]
+        acc = [variable(b, zeros(V8)) for _ in range(R)]
+        with loop(b, I64(0), size, 8) as (m, _):
+            tap = splat(b, b.load(b.gep(tap_0, [m])))
+            x = [*map(b.load, window), load(b, base, b.add(m, I64(8 * (R - 1))))]
+            for r in range(R):
+                b.store(known(b, "fma", tap, x[r], b.load(acc[r])), acc[r])
+            for p, v in zip(window, x[1:], strict=True):
+                b.store(v, p)
+        for r in range(R):
+            store(b, b.load(acc[r]), out, 8 * r)
+    for r in range(R):
+        store(b, tree(b, [load(b, sums, 8 * (R * j + r)) for j in range(8)]), y, 8 * r)
+
+
+@intrinsic
+def fir(ctx, taps, size, w, y, n):
+    """maths.fir."""
+
+    def code(c, b, sig, v):
+        taps, size, w, y, n = v
+        sums = cgutils.alloca_once(b, DOUBLE, 64 * VECTORS[0])
+        done = variable(b, I64(0))
+        for R in VECTORS:
+            start = b.load(done)
+            stop = b.add(start, b.and_(b.sub(n, start), I64(-8 * R)))
+            with loop(b, start, stop, 8 * R) as (i, _):
+                _fir_at(b, R, taps, size, b.gep(w, [i]), b.gep(y, [i]), sums)
+            b.store(stop, done)
+        with loop(b, b.load(done), n, 1) as (i, _):  # the eight partial sums side by side
+            s = variable(b, zeros(V8))
+            with loop(b, I64(0), size, 8) as (k, _):
+                b.store(known(b, "fma", load(b, taps, k), load(b, w, b.add(i, k)), b.load(s)), s)
+            b.store(across(b, b.load(s)), b.gep(y, [i]))
+        return c.get_dummy_value()
+
+    return types.void(F8, i8, F8, F8, i8), code
+
+
+# Modes ---------------------------------------------------------------------------------------------------------------
+def _pass(b, x, w, n, first, update, groups, r, states):
+    """Groups of eight modes along n samples: w[8 i] += sum r q.  Their states stay in registers; the groups are independent, so
+    that one's latency is another's time."""
+    held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
+    weights = [load(b, r, 8 * g) for g in range(groups)]
+    nothing = variable(b, zeros(V8))
+    source = b.select(first, b.bitcast(nothing, w.type), w)
+    stride = b.select(first, I64(0), I64(8))
+    with loop(b, I64(0), n, 1) as (i, _):
+        drive = splat(b, b.fadd(b.load(b.gep(x, [i])), ir.Constant(DOUBLE, TINY)))
+        sums = load(b, source, b.mul(i, stride))
+        for g in range(groups):
+            new = update(g, drive, *map(b.load, held[g]))
+            for p, v in zip(held[g], new, strict=True):
+                b.store(v, p)
+            sums = known(b, "fma", weights[g], new[0], sums)
+        store(b, sums, w, b.mul(i, I64(8)))
+    for g in range(groups):
+        for p, v in zip(states(g), held[g], strict=True):
+            store(b, b.load(v), p, 8 * g)
+
+
+def _cases(b, number, cases):
+    """Run one of the bodies, {number: body}."""
+    done = b.append_basic_block("done")
+    choice = b.switch(number, done)
+    for k, body in cases.items():
+        block = b.append_basic_block(f"case{k}")
+        choice.add_case(I64(k), block)
+        b.position_at_end(block)
+        body()
+        b.branch(done)
+    b.position_at_end(done)
+
+
+@intrinsic
+def poles(ctx, p, r, q, x, w, n, groups, first):
+    """1 to 4 groups of q = fma(p, q, x + TINY)."""
+
+    def code(c, b, sig, v):
+        p, r, q, x, w, n, groups, first = v
+
+        def body(count):
+            at = [load(b, p, 8 * g) for g in range(count)]
+            _pass(b, x, w, n, first, lambda g, drive, old: [known(b, "fma", at[g], old, drive)], count, r, lambda g: [q])
+
+        _cases(b, groups, {k: lambda k=k: body(k) for k in range(1, 5)})
+        return c.get_dummy_value()
+
+    return types.void(F8, F8, F8, F8, F8, i8, i8, types.boolean), code
+
+
+@intrinsic
+def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
+    """Up to MOST groups of q += (x + TINY) - e q with a second word, then as many without."""
+
+    def code(c, b, sig, v):
+        e, r, q, low, x, w, n, fine, coarse, first = v
+
+        def body(with_low, groups):
+            es = [b.fneg(load(b, e, 8 * g)) for g in range(groups)]
+
+            def update(g, drive, old, rest=None):
+                step = known(b, "fma", es[g], old, drive)
+                if rest is None:
+                    return [b.fadd(old, step)]
+                t = b.fadd(step, rest)
+                new = b.fadd(old, t)
+                return [new, b.fsub(t, b.fsub(new, old))]
+
+            _pass(b, x, w, n, first, update, groups, r, lambda g: [q, low] if g < with_low else [q])
+
+        every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
+        number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
+        _cases(b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in every})
+        return c.get_dummy_value()
+
+    return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean), code
+
+
+def _total(direct):
+    @intrinsic
+    def total(ctx, d, x, w, y, n):
+        """y = flush(d x + tree(w)), or without d, for eight samples at once where there are as many."""
+
+        def code(c, b, sig, v):
+            d, x, w, y, n = v
+
+            def finish(s, i, gain, sample):
+                s = known(b, "fma", gain, sample(), s) if direct else s
+                store(b, flush(b, s), y, i) if s.type == V8 else b.store(flush(b, s), b.gep(y, [i]))
+
+            whole = b.and_(n, I64(-8))
+            with loop(b, I64(0), whole, 8) as (i, _):
+                base = b.gep(w, [b.mul(i, I64(8))])
+                finish(fold(b, [load(b, base, 8 * k) for k in range(8)]), i, splat(b, d), lambda: load(b, x, i))
+            with loop(b, whole, n, 1) as (i, _):
+                finish(across(b, load(b, w, b.mul(i, I64(8)))), i, d, lambda: b.load(b.gep(x, [i])))
+            return c.get_dummy_value()
+
+        return types.void(f8, F8, F8, F8, i8), code
+
+    return total
+
+
+total, total_of_modes = _total(direct=True), _total(direct=False)

@@ -1,0 +1,174 @@
+"""A straight-line function on several numbers at once: it is run on stand-ins, each operation of which writes its vector
+instruction.
+
+So a loop over a helper is vectors by construction.  numba leaves that to LLVM, which takes shorter vectors or none.
+"""
+
+from __future__ import annotations
+
+import types as python
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from ...core import maths
+from . import kernels, native
+from .kernels import DOUBLE, F8, I64, known, load, loop, shuffle, splat, store
+
+WIDTHS = 16, 2
+"""Sixteen hide the latency of the operations; two are quickest where a sink asks for a sample or two."""
+
+
+class Lanes:
+    """Float64, uint64 or truth values, side by side."""
+
+    __array_ufunc__ = None  # a numpy scalar on the left leaves the operation to us
+
+    def __init__(self, b: ir.IRBuilder, v: ir.Value):
+        self.b, self.v = b, v
+
+    def like(self, x: Any) -> ir.Value:
+        """A number of the same kind, in every lane."""
+        if isinstance(x, Lanes):
+            return x.v
+        kind = self.v.type.element
+        return splat(self.b, ir.Constant(kind, float(x) if kind == DOUBLE else int(x)), self.v.type.count)
+
+    def of(self, kind: ir.Type) -> ir.VectorType:
+        """As many of another kind."""
+        return ir.VectorType(kind, self.v.type.count)
+
+    def __neg__(self):
+        return Lanes(self.b, self.b.fneg(self.v))
+
+    def __abs__(self):
+        return Lanes(self.b, known(self.b, "fabs", self.v))
+
+
+def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
+    def f(self, other):
+        x, y = self.v, self.like(other)
+        name = of_floats if x.type.element == DOUBLE else of_words
+        return Lanes(self.b, getattr(self.b, name)(*((y, x) if swapped else (x, y))))
+
+    return f
+
+
+def _comparison(sign: str) -> Callable:
+    def f(self, other):
+        x, y = self.v, self.like(other)
+        if x.type.element == DOUBLE:
+            return Lanes(self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y))
+        return Lanes(self.b, self.b.icmp_unsigned(sign, x, y))
+
+    return f
+
+
+for _name, _floats, _words in (
+    ("add", "fadd", "add"), ("sub", "fsub", "sub"), ("mul", "fmul", "mul"), ("truediv", "fdiv", ""), ("and", "", "and_"),
+    ("or", "", "or_"), ("xor", "", "xor"), ("lshift", "", "shl"), ("rshift", "", "lshr"),
+):  # fmt: skip
+    setattr(Lanes, f"__{_name}__", _operator(_floats, _words, swapped=False))
+    setattr(Lanes, f"__r{_name}__", _operator(_floats, _words, swapped=True))
+for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
+    setattr(Lanes, f"__{_name}__", _comparison(_sign))
+
+
+def _lanes(*v: Any) -> tuple[ir.IRBuilder, list[ir.Value]]:
+    first = next(x for x in v if isinstance(x, Lanes))
+    return first.b, [first.like(x) for x in v]
+
+
+def _where(c: Lanes, x: Any, y: Any) -> Lanes:
+    some = next((v for v in (x, y) if isinstance(v, Lanes)), None) or Lanes(c.b, kernels.zeros(c.of(DOUBLE)))
+    return Lanes(c.b, c.b.select(c.v, some.like(x), some.like(y)))
+
+
+def _known(name: str) -> Callable:
+    def f(*v):
+        b, values = _lanes(*v)
+        return Lanes(b, known(b, name, *values))
+
+    return f
+
+
+TWINS: dict[str, Callable] = {
+    "fma": _known("fma"), "sqrt": _known("sqrt"), "floor": _known("floor"), "where": _where,
+    "flush": lambda x: Lanes(x.b, kernels.flush(x.b, x.v)), "as_float": lambda x: Lanes(x.b, x.b.uitofp(x.v, x.of(DOUBLE))),
+    "bits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(I64))), "unbits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(DOUBLE))),
+}  # fmt: skip
+"""What names of ``maths`` do to stand-ins."""
+
+
+NAMESPACE = python.SimpleNamespace(**TWINS, SILENT=maths.SILENT, TINY=maths.TINY)
+
+
+def twin(v: Any) -> Any:
+    """What a global of a helper becomes, a helper's own or that of its compiled text; None where there is nothing."""
+    if isinstance(v, (float, np.uint64)) or v is abs or v is range:
+        return v
+    if v is maths or v is native:
+        return NAMESPACE
+    for name in TWINS:
+        if v is getattr(maths, name) or v is getattr(native, name):
+            return TWINS[name]
+    f = getattr(v, "py_func", v)
+    return bind(f) if isinstance(f, python.FunctionType) and f.__module__ not in (maths.__name__, native.__name__) else None
+
+
+@cache
+def bind(f: python.FunctionType) -> Callable | None:
+    """A step or helper as a function of stand-ins; None where it uses what has no twin."""
+    names = f.__code__.co_names
+    scope = {name: twin(f.__globals__[name]) for name in names if name in f.__globals__}
+    if NAMESPACE in scope.values() and any(hasattr(maths, name) and not hasattr(NAMESPACE, name) for name in names):
+        return None
+    if None in scope.values() or f.__closure__:
+        return None
+    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope})
+
+
+@intrinsic
+def each(ctx, f, p, x, y, n):
+    """y[i] = f(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
+
+    def code(c, b, sig, v):
+        _, p, x, y, n = v
+        values = [splat(b, b.extract_value(p, k)) for k in range(len(sig.args[1]))]
+        numbers = sig.args[1].instance_class(*(Lanes(b, q) for q in values)) if values else ()
+        step = twin(f.dispatcher)
+        with loop(b, I64(0), n, 8) as (i, _):
+            samples = [Lanes(b, load(b, b.extract_value(x, k), i)) for k in range(len(sig.args[2]))]
+            store(b, samples[0].like(step(numbers, (), *samples)[0]), y, i)
+        return c.get_dummy_value()
+
+    return types.void(f, p, x, y, types.int64), code
+
+
+@intrinsic
+def _pairs(ctx, f, key, first, z, n):
+    def code(c, b, sig, v):
+        key, first, z, n = v[1:]
+        whole = b.and_(n, I64(-2 * WIDTHS[0]))
+        for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
+            steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
+            with loop(b, start, stop, 2 * W) as (i, _):
+                m = b.add(splat(b, b.add(first, b.lshr(i, I64(1))), W), steps)
+                one, other = twin(f.dispatcher)(Lanes(b, splat(b, key, W)), Lanes(b, m))
+                for k in range(0, W, min(4, W)):
+                    both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
+                    store(b, shuffle(b, one.v, other.v, both), z, b.add(i, I64(2 * k)))
+        return c.get_dummy_value()
+
+    return types.void(f, types.uint64, types.uint64, F8, types.int64), code
+
+
+@native.plain
+def pairs(f, key, first, z):
+    """maths.pairs."""
+    _pairs(f, key, first, native.data(z), z.size)  # type: ignore[call-arg]
