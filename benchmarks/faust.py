@@ -7,6 +7,7 @@ the fastest of all that were tried.  Sections of second order take twice as long
 from __future__ import annotations
 
 import ctypes
+import platform
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -20,7 +21,8 @@ from stimlib.speed.chain import FS, design
 
 FAUST = "faust -double -lang cpp -vec -vs 1024 -lv 0 -mcd 256".split()
 GCC = "g++ -O3 -march=native -ffast-math -shared -fPIC".split()
-WIDTHS = ("-mprefer-vector-width=256", "-mprefer-vector-width=512")
+X86 = platform.machine() in ("x86_64", "AMD64")
+WIDTHS = {f"vectors of {bits} bits": [f"-mprefer-vector-width={bits}"] for bits in (256, 512)} if X86 else {"": []}
 BLOCK = 1024
 PROGRAM = """
 import("stdfaust.lib");
@@ -65,10 +67,10 @@ def jobs(folder: Path, samples: int) -> dict[str, Callable[[], np.ndarray]]:
     (folder / "chain.dsp").write_text(program)
     _run([*FAUST, "-a", "around.cpp", "chain.dsp", "-o", "chain.cpp"], folder)
     made = {}
-    for width in WIDTHS:
-        library = folder / f"chain{width[-3:]}.so"
-        _run([*GCC, width, "chain.cpp", "-o", library.name], folder)
-        made[f"Faust C++, Gaussian noise, {width[-3:]} bits"] = _job(library, samples)
+    for k, (width, option) in enumerate(WIDTHS.items()):
+        library = folder / f"chain{k}.so"
+        _run([*GCC, *option, "chain.cpp", "-o", library.name], folder)
+        made[f"Faust C++, Gaussian noise, {width}"] = _job(library, samples)
     return made
 
 

@@ -64,7 +64,22 @@ def design() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Peer:
-    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of three ways to run the taps."""
+    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of three ways to run the taps.
+
+    Parameters
+    ----------
+    chunk : int
+        Samples at a time, a multiple of 64.
+    way : str
+        One of ``WAYS``.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import Peer
+    >>> peer = Peer(4096, "matrix")
+    >>> peer.fir(peer.pink(peer.white())).shape
+    (4096,)
+    """
 
     def __init__(self, chunk: int, way: str = "convolve"):
         self.sos, self.taps = design()
