@@ -58,7 +58,7 @@ soak: .venv/ready
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
-# Half an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
+# A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
 BENCHMARKS := short chain latency channels compile springpot bumps path streaming jax_target
 
 bench: .venv/ready
