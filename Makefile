@@ -58,9 +58,11 @@ soak: .venv/ready
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
+# A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
+BENCHMARKS := short chain latency channels compile springpot bumps path streaming jax_target
+
 bench: .venv/ready
-	$(ENV) $(BIN)/python benchmarks/chain.py
-	$(ENV) PYTHONPATH=tests $(BIN)/python benchmarks/streaming.py
+	@set -e; for name in $(BENCHMARKS); do echo "# $$name"; PYTHONPATH=tests $(BIN)/python benchmarks/$$name.py $(RECORD); done
 
 # Writes both requirements files anew after a change in pyproject.toml, keeping every release that still fits; to take a newer
 # one, delete its lines first.  Hashes of all files of a release: one file serves every Python and platform.

@@ -1,62 +1,70 @@
-"""What every benchmark here shares: interleaved runs in one process, medians, the machine and the versions."""
+"""What every benchmark here shares: one core, rows of a table, and a file of them when it is told to record."""
 
 from __future__ import annotations
 
+import argparse
 import csv
-import platform
-import statistics
-import time
+import os
+import sys
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from stimlib.speed.timing import interleaved, machine, medians, ratio
 
 RESULTS = Path(__file__).parent / "results"
+Job = Callable[[], object]
+Row = dict[str, Any]
+NS, TIMES = "ns/sample", "times"
 
 
-def interleaved(jobs: Mapping[str, Callable[[], object]], rounds: int = 15, warm_up: int = 2) -> dict[str, list[float]]:
-    """Seconds of every job in every round, A B C A B C ..: drift of the machine meets all alike."""
-    for _ in range(warm_up):
-        for job in jobs.values():
-            job()
-    times: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(rounds):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times[name].append(time.perf_counter() - start)
-    return times
+def row(what: str, value: float | str = "", unit: str = NS) -> Row:
+    """A line of a table; without a value where something is not installed."""
+    return {"what": what, "value": value, "unit": unit if value != "" else ""}
 
 
-def medians(times: Mapping[str, list[float]]) -> dict[str, float]:
-    """Median seconds of each job."""
-    return {name: statistics.median(t) for name, t in times.items()}
+def compared(jobs: Mapping[str, Job], samples: float, ours: str, rounds: int = 15, warm_up: int = 2) -> list[Row]:
+    """Jobs that take turns: nanoseconds a sample of each, and how many times as long as ours each other takes."""
+    times = interleaved(jobs, rounds, warm_up)
+    rows = [row(name, seconds / samples * 1e9) for name, seconds in medians(times).items()]
+    return rows + [row(f"ratio: {name} / {ours}", ratio(times, name, ours), TIMES) for name in jobs if name != ours]
 
 
-def ratio(times: Mapping[str, list[float]], slow: str, fast: str) -> float:
-    """Median over the rounds of slow/fast, pair by pair."""
-    return statistics.median(a / b for a, b in zip(times[slow], times[fast], strict=True))
+def under(title: str, rows: list[Row]) -> list[Row]:
+    """The same rows, each beginning with a title."""
+    return [r | {"what": f"{title}: {r['what']}"} for r in rows]
 
 
-def machine() -> str:
-    """One line: processor, Python and the versions that matter."""
-    model = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        pass
-    packages = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite"))
-    return f"{model}; Python {platform.python_version()}; {packages}"
+def options(doc: str | None, cores: int | None = 1) -> argparse.ArgumentParser:
+    """The options of a script; then it runs on one core, or on so many as there are with None.
+
+    Libraries count their threads when they are loaded, so the script begins once more where it was not started so.
+    """
+    wanted = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    if hasattr(os, "sched_setaffinity") and cores is not None:
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+    if wanted.items() - os.environ.items():
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | wanted)
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--record", action="store_true", help="keep the figures in benchmarks/results; else they are only printed"
+    )
+    return parser
 
 
-def save(name: str, rows: list[dict[str, object]]) -> None:
-    """Print the rows and keep them as results/NAME.csv."""
-    RESULTS.mkdir(exist_ok=True)
-    fields = list(dict.fromkeys(k for row in rows for k in row))
-    with (RESULTS / f"{name}.csv").open("w", newline="") as f:
-        out = csv.DictWriter(f, fields, lineterminator="\n")
-        out.writeheader()
-        out.writerows(rows)
-    print(machine())
-    for row in rows:
-        print("  ".join(f"{v:<44}" if isinstance(v, str) else f"{v:10.4g}" for v in row.values()))
+def save(name: str, rows: list[Row], record: bool) -> None:
+    """Print the rows; keep them as results/NAME.csv when they are to be recorded."""
+    for r in rows:
+        print("  ".join(f"{v:<60}" if isinstance(v, str) else f"{v:<10.4g}" for v in r.values()).rstrip())
+    if record:
+        RESULTS.mkdir(exist_ok=True)
+        with (RESULTS / f"{name}.csv").open("w", newline="") as f:
+            out = csv.DictWriter(f, list(dict.fromkeys(k for r in rows for k in r)), lineterminator="\n")
+            out.writeheader()
+            out.writerows(rows)
+
+
+def main(name: str, doc: str | None, measure: Callable[[], list[Row]], cores: int | None = 1) -> None:
+    """A script whose figures are one table: the machine, then what ``measure`` gives."""
+    given = options(doc, cores).parse_args()
+    save(name, [row(machine()), *measure()], given.record)

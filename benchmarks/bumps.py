@@ -1,7 +1,7 @@
 """The bumps scene: against the same formulas in numpy, area against point sampling, and what silence costs.
 
-Run with ``make bench``.  All figures come from one process; jobs take turns; medians of the rounds are printed, and ratios
-are medians of ratios within a round.
+python benchmarks/bumps.py             print
+python benchmarks/bumps.py --record    and keep the figures in results/bumps.csv
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
-from bench import interleaved, machine, medians, ratio, save
+from bench import TIMES, Row, compared, main, row, under
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import bump
 from stimlib.scenes.bumps import bumps
+from stimlib.speed.timing import interleaved, medians, ratio
 
 FS, N, BLOCK, CHUNK = 8000, 1 << 18, 8192, 16384  # numpy is fastest in chunks of 16384
 NB, DUTY, A, FREQ = 18, 0.5, 4.0, 158.0
@@ -98,42 +99,33 @@ def check(waveform, x):
     assert difference < 1e-8 * 50 * A, difference
 
 
-def row(what, value):
-    return {"what": what, "ns_per_sample": value}
-
-
-def main():
-    rows: list[dict[str, object]] = []
+def measure() -> list[Row]:
+    """All rows."""
+    rows: list[Row] = []
+    x = stroke(0.1)
     for waveform in ("square", "sine", "sawtooth"):
-        x = stroke(0.1)
         check(waveform, x)
-        ours, numpy = f"stimlib, {waveform}, 0.1 m/s", f"numpy, {waveform}, 0.1 m/s"
-        times = interleaved({ours: puller(bumps(waveform, NB, DUTY, A), x), numpy: chunks(waveform, x)})
-        rows += [row(k, v / N * 1e9) for k, v in medians(times).items()]
-        rows.append(row("ratio: numpy / stimlib", ratio(times, numpy, ours)))
+        jobs = {"stimlib": puller(bumps(waveform, NB, DUTY, A), x), "numpy": chunks(waveform, x)}
+        rows += under(f"{waveform}, 0.1 m/s", compared(jobs, N, "stimlib"))
     for waveform in ("square", "sine", "sawtooth"):
         for speed in (0.02, 0.1, 0.5):
             x = stroke(speed)
             jobs = {s: puller(bumps(waveform, NB, DUTY, A, sampling=s), x) for s in ("area", "point")}
             u = {f"{s} alone": puller(Scene({"e": bump(Input("x"), waveform, DUTY, s)}), x * NB / 0.1) for s in ("area", "point")}
             times = interleaved(jobs | u)
-            place = f"{waveform}, {speed:g} m/s, {speed * NB / 0.1:g} bumps/s"
-            rows += [row(f"{place}: {k}", v / N * 1e9) for k, v in medians(times).items()]
-            rows.append(row(f"{place}: ratio area / point", ratio(times, "area", "point")))
-            rows.append(row(f"{place}: ratio area / point, alone", ratio(times, "area alone", "point alone")))
+            found = [row(k, v / N * 1e9) for k, v in medians(times).items()]
+            found.append(row("ratio: area / point", ratio(times, "area", "point"), TIMES))
+            found.append(row("ratio: area / point, alone", ratio(times, "area alone", "point alone"), TIMES))
+            rows += under(f"{waveform}, {speed:g} m/s, {speed * NB / 0.1:g} bumps/s", found)
     x = stroke(0.1)
     jobs = {
-        "sine, contact": puller(bumps("sine", NB, DUTY, A, contact=True), x),
-        "sine, no contact": puller(bumps("sine", NB, DUTY, A, contact=True), x, 0.0),
-        "sine, amplitude 0": puller(bumps("sine", NB, DUTY, 0.0, contact=True), x),
+        "contact": puller(bumps("sine", NB, DUTY, A, contact=True), x),
+        "no contact": puller(bumps("sine", NB, DUTY, A, contact=True), x, 0.0),
+        "amplitude 0": puller(bumps("sine", NB, DUTY, 0.0, contact=True), x),
         "x through, guarded": puller(Scene({"y": Input("x")}), x),
     }
-    times = interleaved(jobs)
-    rows += [row(k, v / N * 1e9) for k, v in medians(times).items()]
-    rows.append(row("ratio: contact / no contact", ratio(times, "sine, contact", "sine, no contact")))
-    rows.append(row("ratio: contact / amplitude 0", ratio(times, "sine, contact", "sine, amplitude 0")))
-    save("bumps", [{"what": machine(), "ns_per_sample": ""}, *rows])
+    return rows + under("sine, silence", compared(jobs, N, "contact"))
 
 
 if __name__ == "__main__":
-    main()
+    main("bumps", __doc__, measure)

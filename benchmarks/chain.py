@@ -1,145 +1,130 @@
-"""The noise chain and the squeeze scene: against numpy + scipy, against themselves, sample by sample.
+"""The noise chain of the squeeze, whole and its stages, against those who can do the same, and against the core's limit.
 
-Run with ``make bench``.  All figures come from one process; jobs take turns; medians of the rounds are printed, and ratios
-are medians of ratios within a round.
+    python benchmarks/chain.py             print
+    python benchmarks/chain.py --record    and keep the figures in results/chain.csv
+
+Peers: numpy + scipy in the chunk and the form that is fastest here (stimlib.speed.chain), the JAX target; Faust where faust and
+g++ are installed; pyplnoise, colorednoise, pedalboard and pyo where Python finds them, each for what it can express.  The limit
+is the time of as many independent FMAs as a stage has operations.
 """
 
 from __future__ import annotations
 
-import time
-from functools import partial
-from math import pi
+import contextlib
+import io
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
 
+import faust
 import numpy as np
-from bench import interleaved, machine, medians, ratio, save
-from scipy import linalg, signal
+from bench import TIMES, Row, compared, main, row, under
 
 import stimlib
-from stimlib.blocks import differentiator, pink_noise
-from stimlib.design.differentiator import differentiator_taps
-from stimlib.design.pink import pink_modes
 from stimlib.scenes import squeeze
+from stimlib.speed.chain import F_LOW, FS, SAMPLES, Stage, design, fastest_peer, movements, puller, stages
+from stimlib.speed.peak import peak
+from stimlib.speed.timing import fastest, interleaved, medians, ratio
 
-FS, CHUNK, CHUNKS = 8000, 32768, 16
-BLOCK = 8192
-
-
-def noise_chain(fs=FS, f_low=10.0, tol_db=0.01):
-    """White -> 3 dB/oct -> differentiator, as the squeeze scene uses it."""
-    return stimlib.Scene({"noise": differentiator(pink_noise(1 / pi, seed=1, f_low=f_low, tol_db=tol_db), passband=1000)})
+Job = Callable[[], object]
+OURS, LIMIT = "stimlib", "as many FMAs"
 
 
-def scipy_chains(fs=FS, f_low=10.0, tol_db=0.01):
-    """The same chain from PCG64, sosfilt (zi carried on) and three ways to run 129 taps, in chunks."""
-    m = pink_modes(fs, f_low, tol_db)
-    zeros, poles, gain = parallel_to_zpk(m.e, m.r, m.d)
-    sos = signal.zpk2sos(zeros, poles, gain)
-    taps = differentiator_taps(fs, 1000.0, 1500.0, 128).taps
-    h = taps.size - 1
-    rows = 512
-    toeplitz = linalg.toeplitz(np.r_[taps[0], np.zeros(rows - 1)], np.r_[taps, np.zeros(rows - 1)])[:, ::-1][::-1]
-    toeplitz = np.ascontiguousarray(toeplitz.T)
+def jax_target(stage: Stage) -> dict[str, Job]:
+    """The whole signal in one call, in both precisions."""
+    import jax
 
-    def gemm(x):
-        parts = np.lib.stride_tricks.sliding_window_view(x, rows + h)[::rows]
-        return (parts @ toeplitz).ravel()
-
-    firs = {
-        "np.convolve": lambda x: np.convolve(x, taps, "valid"),
-        "oaconvolve": lambda x: signal.oaconvolve(x, taps, "valid"),
-        "Toeplitz GEMM": gemm,
-    }
-    x = np.random.default_rng(0).standard_normal(CHUNK + h)
-    for f in firs.values():
-        assert np.allclose(f(x), firs["np.convolve"](x), rtol=0, atol=1e-9 * np.abs(taps).max())
-
-    def run(fir):
-        rng, zi, tail = np.random.Generator(np.random.PCG64(1)), np.zeros((len(sos), 2)), np.zeros(h)
-        for _ in range(CHUNKS):
-            pink, zi = signal.sosfilt(sos, rng.standard_normal(CHUNK), zi=zi)
-            line = np.concatenate([tail, pink])
-            fir(line)
-            tail = line[-h:]
-
-    return {f"numpy + scipy, {name}": partial(run, f) for name, f in firs.items()}
+    found = {}
+    for dtype in ("float64", "float32"):
+        f = stimlib.compile(stage.scene, FS, "jax", dtype=dtype)
+        found[f"JAX target, {dtype}"] = lambda f=f: jax.block_until_ready(f(n=SAMPLES))
+    return found
 
 
-def parallel_to_zpk(e, r, d):
-    """Zeros, poles and gain of d + sum r/(1 - (1-e)/z)."""
-    poles = 1 - e
-    numerator = d * np.poly(poles)
-    for k in range(e.size):
-        numerator = numerator + r[k] * np.r_[np.poly(np.delete(poles, k)), 0.0]
-    return np.roots(numerator), poles, numerator[0]
+def pyplnoise(stage: Stage) -> dict[str, Job]:
+    """A cascade of filters on numpy's noise, in blocks."""
+    from pyplnoise import PinkNoise
+
+    source = PinkNoise(FS, F_LOW, FS / 2)
+    return {"pyplnoise": lambda: [source.get_series(8192) for _ in range(SAMPLES // 8192)]}
 
 
-def puller(scene, x=None, n=CHUNK * CHUNKS):
-    """A job that streams n samples of a scene in blocks."""
-    proc = stimlib.compile(scene, FS)
-    rows = len(proc.inputs)
-    x = np.zeros((rows, n)) if x is None else x
-    blocks = [np.ascontiguousarray(x[:, a : a + BLOCK]) for a in range(0, n, BLOCK)]
-    out = np.empty((len(proc.outputs), BLOCK))
+def colorednoise(stage: Stage) -> dict[str, Job]:
+    """The whole signal by one FFT."""
+    from colorednoise import powerlaw_psd_gaussian
 
-    def run():
-        proc.reset()
-        for b in blocks:
-            proc.process(b, out)
-
-    return run
+    return {"colorednoise, whole signal": lambda: powerlaw_psd_gaussian(1, SAMPLES, F_LOW / FS)}
 
 
-def bursts(n, period=1.0):
-    """Position of two fingers rising during half of each period (0.1 m/s) and falling during the other."""
-    t = np.arange(n) / FS % period
-    x = 0.1 * np.minimum(t, period - t)
-    return np.stack([x, x])
+def pedalboard(stage: Stage) -> dict[str, Job]:
+    """The taps alone, by FFT, in float32."""
+    from pedalboard import Convolution, Pedalboard
+
+    taps = design()[1]
+    board = Pedalboard([Convolution((taps / np.abs(taps).sum()).astype(np.float32)[None], sample_rate=FS)])
+    x = np.random.default_rng(0).standard_normal((1, SAMPLES)).astype(np.float32)
+    return {"pedalboard, float32": lambda: board.process(x, FS)}
 
 
-def always_open(n):
-    """Position rising for ever: the gate never closes."""
-    return np.tile(0.1 * np.arange(n) / FS, (2, 1))
+def pyo(stage: Stage) -> dict[str, Job]:
+    """Its 64-bit server by hand, in blocks of 512; its white noise is uniform."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        import pyo64
+
+        server = pyo64.Server(sr=FS, nchnls=1, buffersize=512, duplex=0, audio="manual").boot()
+        server.start()
+        sos, taps = design()
+        parts = [pyo64.Noise()]
+        for b0, b1, b2, _, a1, a2 in sos.tolist():
+            parts.append(pyo64.Biquada(parts[-1], b0=b0, b1=b1, b2=b2, a0=1, a1=a1, a2=a2))
+        table = pyo64.DataTable(size=taps.size, init=taps.tolist())
+        parts.append(pyo64.Convolve(parts[-1], table, size=taps.size).out())
+
+    def job(keep=(parts, table)) -> None:
+        for _ in range(SAMPLES // 512):
+            server.process()
+
+    return {"pyo, uniform noise": job}
 
 
-def one_sample_calls(speed, calls=20000):
-    """Median microseconds of process(x, out=y) with one sample, at constant speed (m/s)."""
-    proc = stimlib.compile(squeeze(), FS)
-    path = np.tile(speed * np.arange(calls + 1000) / FS, (2, 1))
-    proc.process(np.ascontiguousarray(path[:, :1000]))
-    samples = [np.ascontiguousarray(path[:, k : k + 1]) for k in range(1000, calls + 1000)]
-    y = np.empty((2, 1))
-    rounds = []
-    for part in range(0, calls, 1000):
-        start = time.perf_counter()
-        for x in samples[part : part + 1000]:
-            proc.process(x, out=y)
-        rounds.append((time.perf_counter() - start) * 1e3)
-    return float(np.median(rounds))
+OPTIONAL = {"pink noise": (pyplnoise, colorednoise), "differentiator": (pedalboard,), "noise chain": (jax_target, pyo)}
 
 
-def main():
-    n = CHUNK * CHUNKS
-    print(f"block {BLOCK}, scipy chunk {CHUNK}, {n} samples a run, 2 warm-up and 15 counted rounds, one thread")
-    chain = {"stimlib noise chain": puller(noise_chain())} | scipy_chains()
-    times = interleaved(chain)
-    middle = medians(times)
-    best = min((k for k in middle if k.startswith("numpy")), key=middle.__getitem__)
-    rows: list[dict[str, object]] = [{"what": k, "ns_per_sample": v / n * 1e9} for k, v in middle.items()]
-    rows.append({"what": f"ratio: {best} / stimlib", "ns_per_sample": ratio(times, best, "stimlib noise chain")})
-    gate = {
-        "squeeze, always open": puller(squeeze(), always_open(n)),
-        "squeeze, 0.5 s bursts, half duty": puller(squeeze(), bursts(n)),
-        "squeeze, gate closed": puller(squeeze(), np.zeros((2, n))),
-    }
-    times = interleaved(gate)
-    rows += [{"what": k, "ns_per_sample": v / n * 1e9} for k, v in medians(times).items()]
-    open_, half, closed = gate
-    rows.append({"what": "ratio: always open / half duty", "ns_per_sample": ratio(times, open_, half)})
-    rows.append({"what": "ratio: always open / closed", "ns_per_sample": ratio(times, open_, closed)})
-    rows.append({"what": "1-sample call, gate closed, us", "ns_per_sample": one_sample_calls(0.0)})
-    rows.append({"what": "1-sample call, gate open, us", "ns_per_sample": one_sample_calls(0.1)})
-    save("chain", [{"what": machine(), "ns_per_sample": ""}, *rows])
+def stage_rows(name: str, stage: Stage, others: dict[str, Job]) -> list[Row]:
+    """A stage against numpy + scipy, who else can do it, and its limit."""
+    rows, peers = [], fastest_peer(stage) | others
+    for make in OPTIONAL.get(name, ()):
+        try:
+            peers |= make(stage)
+        except ImportError:
+            rows.append(row(f"{make.__name__} is not installed"))
+    jobs = {OURS: puller(stage.scene)} | peers | {LIMIT: peak(stage.operations * SAMPLES)}
+    times = interleaved(jobs)
+    found = [row(what, seconds / SAMPLES * 1e9) for what, seconds in medians(times).items()]
+    found += [row(f"ratio: {peer} / {OURS}", ratio(times, peer, OURS), TIMES) for peer in peers]
+    return under(name, [*found, row("share of the limit", ratio(times, LIMIT, OURS), TIMES), *rows])
+
+
+def gate_rows() -> list[Row]:
+    """The two-finger squeeze by what its gate does."""
+    jobs = {what: puller(squeeze(), x) for what, x in movements().items()}
+    return under("squeeze, two fingers", compared(jobs, SAMPLES, "0.5 s bursts"))
+
+
+def measure() -> list[Row]:
+    """All rows."""
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        others: dict[str, Job] = {}
+        if faust.missing():
+            rows.append(row(f"noise chain: Faust: {faust.missing()} is not installed"))
+        else:
+            made = faust.jobs(Path(folder), SAMPLES)
+            others = {(best := fastest(made)): made[best]}
+        for name, stage in stages().items():
+            rows += stage_rows(name, stage, others if name == "noise chain" else {})
+    return [*rows, *gate_rows()]
 
 
 if __name__ == "__main__":
-    main()
+    main("chain", __doc__, measure)

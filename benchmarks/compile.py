@@ -1,17 +1,22 @@
-"""How long a scene takes to be ready: cold, from the cache, and large.
+"""How long it takes to begin: the command, a scene cold and from the cache, and a large one.
 
-Each figure is the median of fresh processes (or of rounds, where it says so).  Run: python benchmarks/compile.py
+    python benchmarks/compile.py             print
+    python benchmarks/compile.py --record    and keep the figures in results/compile.csv
+
+Each figure is the median of fresh processes that take turns; only the empty cache is filled once.
 """
 
 from __future__ import annotations
 
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
+from functools import partial
 
-from bench import machine, save
+from bench import Row, main, row
+
+from stimlib.speed.timing import interleaved, medians
 
 CODE = """
 import tempfile
@@ -42,33 +47,49 @@ trivial = Scene({"y": x})
 """
 
 
-def fresh(line: str, cache: str, rounds: int) -> float:
-    """Median seconds of a statement in fresh processes, after the imports above and numba's own."""
-    times = []
-    for _ in range(rounds):
-        code = CODE + f"start = time.perf_counter()\n{line}\nprint(time.perf_counter() - start)"
-        env = os.environ | {"STIMLIB_CACHE": cache}
-        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        times.append(float(done.stdout.split()[-1]))
-    return statistics.median(times)
+LINES = {
+    "first compile of a process (starts numba)": "stimlib.compile(trivial, 8000)",
+    "squeeze from the cache, numba started": "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); "
+    "stimlib.compile(s, 8000)",
+    "squeeze again in the same process": "s = squeeze(); stimlib.compile(s, 8000); start = time.perf_counter(); "
+    "stimlib.compile(squeeze(), 8000)",
+    "10 000 mixed blocks: build, save, compile": "s = chain(); s.save(tempfile.mkdtemp() + '/s.json'); stimlib.compile(s, 8000)",
+}
+COMMANDS = {
+    "python, doing nothing": ["-c", ""],
+    "import stimlib": ["-c", "import stimlib"],
+    "stimlib --version": ["-m", "stimlib", "--version"],
+    "stimlib list": ["-m", "stimlib", "list"],
+}
+RENDER = "-m stimlib render squeeze --motion minimum_jerk() --seconds 1 --quiet --full-scale 50 --out".split()
 
 
-def main():
-    rows: list[dict[str, object]] = [{"what": machine(), "seconds": ""}]
-    with tempfile.TemporaryDirectory() as cache:
-        line = "stimlib.compile(every_class(), 8000)"
-        rows.append({"what": "these classes cold, empty cache", "seconds": fresh(line, cache, 1)})
-        line = "stimlib.compile(trivial, 8000)"
-        rows.append({"what": "first compile of a process (starts numba)", "seconds": fresh(line, cache, 5)})
-        line = "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); stimlib.compile(s, 8000)"
-        rows.append({"what": "squeeze from the cache, numba started", "seconds": fresh(line, cache, 5)})
-        line = "s = squeeze(); stimlib.compile(s, 8000); start = time.perf_counter(); stimlib.compile(squeeze(), 8000)"
-        rows.append({"what": "squeeze again in the same process", "seconds": fresh(line, cache, 5)})
-        line = "s = chain(); s.save(tempfile.mkdtemp() + '/s.json'); stimlib.compile(s, 8000)"
-        rows.append({"what": "10 000 mixed blocks: build, save, compile", "seconds": fresh(line, cache, 3)})
-    save("compile", rows)
+def process(words: list[str], cache: str) -> str:
+    """What a process of Python prints."""
+    done = subprocess.run([sys.executable, *words], env=os.environ | {"STIMLIB_CACHE": cache}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def fresh(line: str, cache: str) -> float:
+    """Seconds of a statement in a fresh process, after the imports above."""
+    code = CODE + f"start = time.perf_counter()\n{line}\nprint(time.perf_counter() - start)"
+    return float(process(["-c", code], cache).split()[-1])
+
+
+def measure(rounds: int = 5) -> list[Row]:
+    """All rows."""
+    with tempfile.TemporaryDirectory() as folder:
+        cache = f"{folder}/cache"
+        commands = COMMANDS | {"stimlib render, 1 s of squeeze": [*RENDER, f"{folder}/a.wav"]}
+        rows = [row("the classes above cold, empty cache", fresh("stimlib.compile(every_class(), 8000)", cache), "s")]
+        inside: dict[str, list[float]] = {name: [] for name in LINES}
+        for _ in range(rounds):
+            for name, line in LINES.items():
+                inside[name].append(fresh(line, cache))
+        whole = interleaved({name: partial(process, words, cache) for name, words in commands.items()}, rounds, 1)
+    return rows + [row(name, seconds, "s") for name, seconds in medians(inside | whole).items()]
 
 
 if __name__ == "__main__":
-    main()
+    main("compile", __doc__, measure)

@@ -3,6 +3,7 @@
     python benchmarks/springpot.py              errors over a minute, then times; a picture of both
     python benchmarks/springpot.py --long       errors over an hour at 1 and 8 kHz as well
     python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem, pycaputo, differint
+    python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv, the picture in springpot.png
 
 Errors are against the full sum over the history in long double (64 bits) and, for smooth inputs, against the continuous
 derivative.  A method that is not installed is left out.  Times: jobs take turns in one process, medians of the rounds.
@@ -10,7 +11,6 @@ derivative.  A method that is not installed is left out.  Times: jobs take turns
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -18,13 +18,14 @@ from functools import cache, partial
 
 import mpmath
 import numpy as np
-from bench import RESULTS, interleaved, machine, medians, ratio, save
+from bench import NS, RESULTS, TIMES, options, row, save
 from scipy import signal
 from scipy.special import rgamma
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import springpot
+from stimlib.speed.timing import interleaved, machine, medians, ratio
 
 LD = np.longdouble
 Y = Input("y", "m")
@@ -259,8 +260,8 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
     """One figure each."""
     out: list[dict[str, object]] = []
 
-    def tell(what, value):
-        out.append({"what": what, "value": float(value)})
+    def tell(what, value, unit):
+        out.append(row(what, float(value), unit))
 
     n, alpha = 1 << 16, 0.4
     x = movement("sinusoid", n, fs)
@@ -290,9 +291,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         },
         25,
     )
-    tell("tol 1e-10, 1 kHz: ns/sample in the first minute", medians(times)["first minute"] / n * 1e9)
-    tell("ratio: after an hour / first minute", ratio(times, "after an hour", "first minute"))
-    tell("ratio: hold (40 min long) / moving", ratio(times, "hold", "first minute"))
+    tell("tol 1e-10, 1 kHz, in the first minute", medians(times)["first minute"] / n * 1e9, NS)
+    tell("ratio: after an hour / first minute", ratio(times, "after an hour", "first minute"), TIMES)
+    tell("ratio: hold (40 min long) / moving", ratio(times, "hold", "first minute"), TIMES)
 
     v = gl_weights(alpha, hour.size).astype(float)
     out1 = np.empty((1, hour.size))
@@ -303,16 +304,16 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         proc.process(hour[None], out1)
 
     times = interleaved({"springpot": whole, "oaconvolve": lambda: signal.oaconvolve(d, v)[: hour.size]}, 5, 1)
-    tell("hour at 1 kHz: ns/sample", medians(times)["springpot"] / hour.size * 1e9)
-    tell("hour at 1 kHz: oaconvolve ns/sample", medians(times)["oaconvolve"] / hour.size * 1e9)
-    tell("ratio: oaconvolve / springpot", ratio(times, "oaconvolve", "springpot"))
+    tell("hour at 1 kHz", medians(times)["springpot"] / hour.size * 1e9, NS)
+    tell("hour at 1 kHz: oaconvolve", medians(times)["oaconvolve"] / hour.size * 1e9, NS)
+    tell("ratio: oaconvolve / springpot", ratio(times, "oaconvolve", "springpot"), TIMES)
 
     live = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"))}), fs)
     orders = {"standing": np.full(n, 0.4), "ramping": np.linspace(0, 1, n)}
     rows = {k: np.array([{"y": x, "a": a}[i] for i in live.inputs]) for k, a in orders.items()}
     took = medians(interleaved({k: partial(live.process, r, y) for k, r in rows.items()}, 9))
     for k in rows:
-        tell(f"live alpha {k}: ns/sample", took[k] / n * 1e9)
+        tell(f"live alpha {k}", took[k] / n * 1e9, NS)
     one, y1 = moving[:, :1].copy(), np.empty((1, 1))
 
     def calls(p, x):
@@ -323,16 +324,16 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         interleaved({"fixed": partial(calls, proc, one), "live": partial(calls, live, np.array(rows["standing"][:, :1]))}, 9)
     )
     for k, seconds in took.items():
-        tell(f"1-sample call, {k} alpha: us", seconds / 2000 * 1e6)
+        tell(f"1-sample call, {k} alpha", seconds / 2000 * 1e6, "us")
     for rate in (1000.0, 8000.0):
         for tol in (1e-10, 1e-14):
             p = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, tol=tol)}), rate)
-            tell(f"state with header and guard, tol {tol:g}, {rate:g} Hz: bytes", p.state.nbytes)
+            tell(f"state with header and guard, tol {tol:g}, {rate:g} Hz", p.state.nbytes, "bytes")
             q = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"), tol=tol)}), rate)
-            tell(f"state with a live alpha, tol {tol:g}, {rate:g} Hz: bytes", q.state.nbytes)
+            tell(f"state with a live alpha, tol {tol:g}, {rate:g} Hz", q.state.nbytes, "bytes")
             r = movement("sinusoid", n, rate)[None].copy()
             seconds = medians(interleaved({"": partial(p.process, r, y)}, 9))[""]
-            tell(f"ns/sample, tol {tol:g}, {rate:g} Hz", seconds / n * 1e9)
+            tell(f"moving, tol {tol:g}, {rate:g} Hz", seconds / n * 1e9, NS)
     try:
         from fracmem import CompressedFractionalFilter
     except ImportError:
@@ -347,9 +348,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
             proc.process(block, y64)
 
     times = interleaved({"springpot": many, "fracmem": lambda: [made.step(v) for v in values]}, 25)
-    tell("block of 64: us", medians(times)["springpot"] / 100 * 1e6)
-    tell("block of 64, fracmem: us", medians(times)["fracmem"] * 1e6)
-    tell("ratio: fracmem / springpot, blocks of 64", ratio(times, "fracmem", "springpot") * 100)
+    tell("block of 64", medians(times)["springpot"] / 100 * 1e6, "us")
+    tell("block of 64, fracmem", medians(times)["fracmem"] * 1e6, "us")
+    tell("ratio: fracmem / springpot, blocks of 64", ratio(times, "fracmem", "springpot") * 100, TIMES)
     return out
 
 
@@ -396,20 +397,21 @@ def picture(rows: list[dict[str, object]]) -> None:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--long", action="store_true")
-    options.add_argument("--peers", default="")
-    given = options.parse_args()
+    known = options(__doc__)
+    known.add_argument("--long", action="store_true")
+    known.add_argument("--peers", default="")
+    given = known.parse_args()
     if given.peers:
         sys.path.append(given.peers)
     rows = errors(1000.0, 60.0, TOLS, 100) + errors(8000.0, 60.0, TOLS, 40)
     if given.long:
         rows += errors(1000.0, 3600.0, [1e-14], 20) + errors(8000.0, 3600.0, [1e-14], 12)
-    save("springpot_errors", rows)
+    save("springpot_errors", rows, given.record)
     work = work_and_precision(10.0, slow=True) + work_and_precision(60.0, slow=False)
-    save("springpot_work", work)
-    picture(work)
-    save("springpot", [{"what": machine(), "value": ""}, *claims()])
+    save("springpot_work", work, given.record)
+    if given.record:
+        picture(work)
+    save("springpot", [row(machine()), *claims()], given.record)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
 """Streaming through JACK: how much faster than real time it can be, and what a busy interpreter costs each kind of callback.
 
-Run with ``make bench``; it starts a JACK server without hardware.  Figures of the two callbacks come from runs that take
-turns, so that a busy machine meets both.
+    PYTHONPATH=tests python benchmarks/streaming.py             print
+    PYTHONPATH=tests python benchmarks/streaming.py --record    and keep the figures in results/streaming.csv
+
+It starts a JACK server without hardware.  Figures of the two callbacks come from runs that take turns, so that a busy machine
+meets both.
 """
 
 from __future__ import annotations
@@ -9,8 +12,8 @@ from __future__ import annotations
 import statistics
 import time
 
-from bench import machine, save
-from devices.servers import Jackd, busy
+from bench import TIMES, Row, main, row
+from devices.servers import Jackd, busy, no_jack
 
 from stimlib.devices.jack import JackSink
 from stimlib.motion.generators import minimum_jerk
@@ -43,16 +46,18 @@ def underruns(server: Jackd, rounds: int = 5) -> dict[str, list[int]]:
     return found
 
 
-def main() -> None:
+def measure() -> list[Row]:
+    """All rows."""
+    if missing := no_jack():
+        return [row(f"JACK is not installed: {missing}")]
     with Jackd(FS, BLOCK) as server:
-        speeds = [freewheel(server) for _ in range(5)]
+        speed = statistics.median(freewheel(server) for _ in range(5))
         found = underruns(server)
-    rows: list[dict[str, object]] = [{"what": f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: times real time", "value": ""}]
-    rows[0]["value"] = statistics.median(speeds)
+    rows = [row(f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: real time", speed, TIMES)]
     for name, counts in found.items():
-        rows.append({"what": f"underruns in 3 s, interpreter held, {name} callback", "value": statistics.median(counts)})
-    save("streaming", [{"what": machine(), "value": ""}, *rows])
+        rows.append(row(f"interpreter held for 3 s, {name} callback", statistics.median(counts), "underruns"))
+    return rows
 
 
 if __name__ == "__main__":
-    main()
+    main("streaming", __doc__, measure, cores=None)

@@ -1,0 +1,269 @@
+"""The noise chain of the squeeze (white, pink, differentiator), whole and its stages, beside numpy + scipy and its limit.
+
+Both sides do the same work for each sample, from the same design.  The peer runs in chunks that stay in the cache, carries its
+states on, and keeps its memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from ..blocks import differentiator, pink_noise, pinking, white_noise
+from ..core.graph import Block, Input
+from ..core.scene import Scene
+from ..design.differentiator import differentiator_taps
+from ..design.pink import pink_modes
+from ..run.processor import Processor, compile
+from .timing import fastest
+
+Job = Callable[[], object]
+FS, BLOCK, SAMPLES = 8000.0, 8192, 1 << 19
+CHUNKS = (4096, 8192, 16384, 32768, 65536)  # of the peer
+F_LOW, TOL_DB, PASSBAND, STOPBAND = 10.0, 0.01, 1000.0, 1500.0
+ROWS = 64  # of the peer's matrix product
+
+# Operations a sample, each at the price of one FMA: what the definitions of the blocks cannot do without.
+# White, for two samples: Philox and its words 103, the radius 28 (a division and a square root count 1 each), the turn 34, 2
+# products.  Pink, with 8 modes: an FMA into each state and one out of it, 7 adds of the tree, 5 for d, TINY and silence.
+# Differentiator: 129 taps in eights, 7 adds.
+WHITE = (103 + 28 + 34 + 2) / 2
+PINK = 8 * 2 + 7 + 5
+FIR = 136 + 7
+
+
+class Stage(NamedTuple):
+    """A part of the chain as a scene of its own, and those who can do the same."""
+
+    scene: Scene
+    peers: dict[str, Job]
+    operations: float
+    """For each sample; ``stimlib.speed.peak.peak(operations * samples)`` is the limit."""
+
+
+def design() -> tuple[np.ndarray, np.ndarray]:
+    """Second-order sections of the pink filter, (n, 6), and the differentiator's taps, (129,): what all peers are given.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import design
+    >>> [part.shape for part in design()]
+    [(3, 6), (129,)]
+    """
+    m = pink_modes(FS, F_LOW, TOL_DB)
+    poles = 1 - m.e
+    numerator = m.d * np.poly(poles)
+    for k in range(poles.size):
+        numerator = numerator + m.r[k] * np.r_[np.poly(np.delete(poles, k)), 0.0]
+    sos = signal.zpk2sos(np.roots(numerator), poles, numerator[0])
+    return sos, differentiator_taps(FS, PASSBAND, STOPBAND, 128).taps
+
+
+class Peer:
+    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of three ways to run the taps.
+
+    Parameters
+    ----------
+    chunk : int
+        Samples at a time, a multiple of 64.
+    way : str
+        One of ``WAYS``.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import Peer
+    >>> peer = Peer(4096, "matrix")
+    >>> peer.fir(peer.pink(peer.white())).shape
+    (4096,)
+    """
+
+    def __init__(self, chunk: int, way: str = "convolve"):
+        self.sos, self.taps = design()
+        self.rng, self.zi = np.random.Generator(np.random.PCG64(1)), np.zeros((len(self.sos), 2))
+        h = self.taps.size - 1
+        self.w, self.line = np.zeros(chunk), np.zeros(h + chunk)
+        self.run_taps = {"convolve": self._convolve, "oaconvolve": self._oaconvolve, "matrix": self._matrix}[way]
+        windows = np.lib.stride_tricks.sliding_window_view(self.line, h + ROWS)[::ROWS]
+        self.windows, self.parts, self.y = windows, np.empty(windows.shape), np.empty((chunk // ROWS, ROWS))
+        self.matrix = np.zeros((h + ROWS, ROWS))
+        for k in range(ROWS):
+            self.matrix[k : k + h + 1, k] = self.taps[::-1]
+
+    def _convolve(self) -> np.ndarray:
+        return np.convolve(self.line, self.taps, "valid")
+
+    def _oaconvolve(self) -> np.ndarray:
+        return signal.oaconvolve(self.line, self.taps, "valid")
+
+    def _matrix(self) -> np.ndarray:
+        np.copyto(self.parts, self.windows)
+        return np.matmul(self.parts, self.matrix, out=self.y).ravel()
+
+    def white(self) -> np.ndarray:
+        """The next chunk of white noise."""
+        return self.rng.standard_normal(out=self.w)
+
+    def pink(self, w: np.ndarray) -> np.ndarray:
+        """The next chunk, filtered to 3 dB/octave."""
+        y, self.zi = signal.sosfilt(self.sos, w, zi=self.zi)
+        return y
+
+    def fir(self, x: np.ndarray) -> np.ndarray:
+        """The next chunk, differentiated."""
+        h = self.taps.size - 1
+        self.line[h:] = x
+        y = self.run_taps()
+        self.line[:h] = self.line[-h:].copy()
+        return y
+
+
+WAYS = {"convolve": "np.convolve", "oaconvolve": "oaconvolve", "matrix": "matrix product"}
+
+
+def stages(samples: int = SAMPLES) -> dict[str, Stage]:
+    """The stages and the whole chain, with what numpy + scipy have for each.
+
+    Parameters
+    ----------
+    samples : int
+        That a job of a peer makes; a multiple of those of ``CHUNKS`` that are not longer.
+
+    Returns
+    -------
+    dict of str to Stage
+        Each peer in all chunks (and all ways to run the taps); ``fastest_peer`` finds the best.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import stages
+    >>> [(name, len(stage.peers)) for name, stage in stages().items()]
+    [('white noise', 5), ('pink filter', 5), ('pink noise', 5), ('differentiator', 15), ('noise chain', 15)]
+    """
+    x, given = Input("x"), np.random.default_rng(0).standard_normal(max(CHUNKS))
+    lengths = [c for c in CHUNKS if c <= samples]
+
+    def repeated(chunk: int, way: str, part: Callable[[Peer], object]) -> Job:
+        peer = Peer(chunk, way)
+
+        def job() -> None:
+            for _ in range(samples // chunk):
+                part(peer)
+
+        return job
+
+    def peers(name: str, part: Callable[[Peer], object]) -> dict[str, Job]:
+        return {f"{name}, chunks of {chunk}": repeated(chunk, "convolve", part) for chunk in lengths}
+
+    def by_ways(name: str, part: Callable[[Peer], object]) -> dict[str, Job]:
+        return {f"{name}{text}, chunks of {c}": repeated(c, way, part) for way, text in WAYS.items() for c in lengths}
+
+    def diff(y: Block) -> Block:
+        return differentiator(y, passband=PASSBAND, stopband=STOPBAND)
+
+    pink = pink_noise(1 / pi, seed=1, f_low=F_LOW, tol_db=TOL_DB)
+    return {
+        "white noise": Stage(Scene({"y": white_noise(seed=1)}), peers("numpy PCG64", Peer.white), WHITE),
+        "pink filter": Stage(
+            Scene({"y": pinking(x, f_low=F_LOW, tol_db=TOL_DB)}),
+            peers("scipy sosfilt", lambda p: p.pink(given[: p.w.size])),
+            PINK,
+        ),
+        "pink noise": Stage(Scene({"y": pink}), peers("numpy + scipy", lambda p: p.pink(p.white())), WHITE + PINK),
+        "differentiator": Stage(Scene({"y": diff(x)}), by_ways("", lambda p: p.fir(given[: p.w.size])), FIR),
+        "noise chain": Stage(
+            Scene({"y": diff(pink)}), by_ways("numpy + scipy, ", lambda p: p.fir(p.pink(p.white()))), WHITE + PINK + FIR
+        ),
+    }
+
+
+def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
+    """The peer of a stage that is fastest here, under its name.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import Stage, fastest_peer
+    >>> list(fastest_peer(Stage(None, {"slow": lambda: sum(range(100000)), "quick": lambda: None}, 1.0)))
+    ['quick']
+    """
+    name = fastest(stage.peers, rounds)
+    return {name: stage.peers[name]}
+
+
+# Scenes that run ------------------------------------------------------------------------------------------------------
+def puller(scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs: float = FS) -> Job:
+    """A job that streams a scene in blocks of 8192 from sample 0 on.
+
+    Parameters
+    ----------
+    scene : Scene
+    x : ndarray, optional
+        Inputs, shape (n_inputs, samples); one row serves all. Without it they are 0.
+    samples : int
+    fs : float
+        In Hz.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.speed.chain import puller
+    >>> puller(stimlib.Scene({"y": 2 * stimlib.Input("x")}), samples=100)()
+    """
+    proc = compile(scene, fs)
+    x = np.zeros((1, samples)) if x is None else np.atleast_2d(x)
+    x = np.broadcast_to(x, (len(proc.inputs), x.shape[1])) if proc.inputs else np.empty((0, samples))
+    blocks = [np.ascontiguousarray(x[:, a : a + BLOCK]) for a in range(0, x.shape[1], BLOCK)]
+    outs = {n: np.empty((len(proc.outputs), n)) for n in {b.shape[1] for b in blocks}}
+
+    def job() -> None:
+        proc.reset()
+        for b in blocks:
+            proc.process(b, outs[b.shape[1]])
+
+    return job
+
+
+def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
+    """Positions in m, shape (samples,), by what the gate of the squeeze does: always open, in bursts, closed.
+
+    Examples
+    --------
+    >>> from stimlib.speed.chain import movements
+    >>> [(name, float(x.max())) for name, x in movements(8001).items()]
+    [('gate open', 0.1), ('0.5 s bursts', 0.05), ('gate closed', 0.0)]
+    """
+    t = np.arange(samples) / fs
+    return {"gate open": 0.1 * t, "0.5 s bursts": 0.1 * np.minimum(t % 1.0, 1.0 - t % 1.0), "gate closed": np.zeros(samples)}
+
+
+# Single calls ---------------------------------------------------------------------------------------------------------
+def caller(proc: Processor, x: np.ndarray, n: int) -> Job:
+    """A job of many calls of ``process(x, out)``: all of x, n samples a call.
+
+    Parameters
+    ----------
+    proc : Processor
+    x : ndarray, shape (n_inputs, samples)
+    n : int
+        Samples of a call.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.speed.chain import caller
+    >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=8000)
+    >>> caller(proc, np.zeros((1, 10)), n=1)()
+    >>> proc.index
+    10
+    """
+    parts = [np.ascontiguousarray(x[:, a : a + n]) for a in range(0, x.shape[1] - n + 1, n)]
+    out, process = np.empty((len(proc.outputs), n)), proc.process
+
+    def job() -> None:
+        for part in parts:
+            process(part, out)
+
+    return job

@@ -1,0 +1,105 @@
+"""Times of jobs that take turns in one process, so that a machine whose speed drifts disturbs all of them alike."""
+
+from __future__ import annotations
+
+import platform
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+Jobs = Mapping[str, Callable[[], object]]
+Times = Mapping[str, list[float]]
+
+
+def interleaved(jobs: Jobs, rounds: int = 15, warm_up: int = 2) -> dict[str, list[float]]:
+    """Seconds of every job in every round, A B C A B C ..
+
+    Parameters
+    ----------
+    jobs : dict of str to callable
+    rounds : int
+        How often each is timed.
+    warm_up : int
+        Rounds before that, which are not counted: for caches, and what is compiled on the first call.
+
+    Returns
+    -------
+    dict of str to list of float
+        In s, shape (rounds,) for each job.
+
+    Examples
+    --------
+    >>> from stimlib.speed.timing import interleaved
+    >>> order = []
+    >>> times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, rounds=2, warm_up=1)
+    >>> "".join(order), len(times["a"])
+    ('ababab', 2)
+    """
+    for _ in range(warm_up):
+        for job in jobs.values():
+            job()
+    times: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            times[name].append(time.perf_counter() - start)
+    return times
+
+
+def medians(times: Times) -> dict[str, float]:
+    """Median seconds of each job.
+
+    Examples
+    --------
+    >>> from stimlib.speed.timing import medians
+    >>> medians({"a": [1.0, 9.0, 2.0]})
+    {'a': 2.0}
+    """
+    return {name: statistics.median(t) for name, t in times.items()}
+
+
+def ratio(times: Times, slow: str, fast: str) -> float:
+    """How many times as long ``slow`` took as ``fast``: the median of the ratios within a round.
+
+    Examples
+    --------
+    >>> from stimlib.speed.timing import ratio
+    >>> ratio({"a": [2.0, 20.0, 3.0], "b": [1.0, 10.0, 1.0]}, "a", "b")
+    2.0
+    """
+    return statistics.median(a / b for a, b in zip(times[slow], times[fast], strict=True))
+
+
+def fastest(jobs: Jobs, rounds: int = 3) -> str:
+    """Name of the job with the shortest time: which form of a peer to compare with, found before it is compared.
+
+    Examples
+    --------
+    >>> from stimlib.speed.timing import fastest
+    >>> fastest({"long": lambda: sum(range(100000)), "short": lambda: None})
+    'short'
+    """
+    times = interleaved(jobs, rounds, 1)
+    return min(times, key=lambda name: min(times[name]))
+
+
+def machine() -> str:
+    """One line: processor, Python and the versions that matter.
+
+    Examples
+    --------
+    >>> from stimlib.speed.timing import machine
+    >>> "; Python 3." in machine() and "numpy" in machine()
+    True
+    """
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    packages = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite"))
+    return f"{model}; Python {platform.python_version()}; {packages}"

@@ -1,0 +1,79 @@
+"""What measures: that both sides do the same work, that the limit does what it counts, and that nothing is kept unasked."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib.cli import app
+from stimlib.speed import peak, short
+from stimlib.speed.chain import FS, WAYS, Peer, stages
+
+ROOT = Path(__file__).parents[1]
+SPEEDS = [short.Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.25, 0.5), short.Speed("one sample a call", 1234.5)]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_peer_does_the_same_work(way):
+    """The same samples in chunks through each stage: states are carried on, poles and taps are ours."""
+    x, made, peer = np.random.default_rng(1).standard_normal(3 * 4096), stages(), Peer(4096, way)
+    for stage, part in (("pink filter", peer.pink), ("differentiator", peer.fir)):
+        ours = stimlib.compile(made[stage].scene, FS).process(x[None])[0]
+        theirs = np.concatenate([part(chunk).copy() for chunk in x.reshape(3, -1)])
+        assert np.abs(theirs - ours).max() < 1e-9 * np.abs(ours).max(), stage
+    chain = stimlib.compile(made["noise chain"].scene, FS).process(np.empty((0, 1 << 16)))
+    chunks = [peer.fir(peer.pink(peer.white())).std() for _ in range(8)]
+    assert np.mean(chunks[1:]) == pytest.approx(chain.std(), rel=0.02)
+
+
+def test_the_limit_does_as_many_operations_as_it_counts(monkeypatch):
+    """Each turn, 12 vectors become 0.999 times themselves plus 0.001, towards 1: their sum tells the number of turns."""
+    for lanes in peak.LANES:
+        monkeypatch.setattr(peak, "_width", lambda lanes=lanes: lanes)
+        for count, turns in ((12 * lanes * 100, 100), (12 * lanes * 100 + 1, 101)):
+            assert peak.peak(count)() == pytest.approx(12 + 78 * 0.999**turns, rel=1e-12)
+
+
+def test_bench_prints_a_table_or_json_and_draws(tmp_path, monkeypatch):
+    monkeypatch.setattr(short, "measure", lambda: SPEEDS)
+    drawn = tmp_path / "speed.svg"
+    done = CliRunner().invoke(app, ["bench", "--picture", str(drawn)])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"white noise +│ +3 │ numpy PCG64 +│ +9 │ +3\.25 │ +0\.5 │", done.stdout) and "1234" in done.stdout
+    assert "3.2 times as long" in drawn.read_text() and "one sample a call" in drawn.read_text()
+    done = CliRunner().invoke(app, ["bench", "--json"])
+    told = json.loads(done.stdout)
+    assert told["speeds"][0]["share"] == 0.5 and told["speeds"][1]["peer_ns"] is None and "numpy" in told["machine"]
+
+
+def test_bench_refuses_a_picture_that_cannot_be_before_it_measures(tmp_path, monkeypatch):
+    monkeypatch.setattr(short, "measure", lambda: pytest.fail("it measures"))
+    done = CliRunner().invoke(app, ["bench", "--picture", str(tmp_path / "a.xyz")])
+    assert done.exit_code == 2 and "must end in one of .png, .svg, .pdf" in done.stderr
+
+
+def test_benchmarks_keep_figures_only_when_told(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import bench
+
+    monkeypatch.setattr(bench, "RESULTS", tmp_path / "results")
+    rows = [bench.row("white noise", 3.0), bench.row("pyo is not installed")]
+    bench.save("a", rows, False)
+    assert not list(tmp_path.iterdir())
+    bench.save("a", rows, True)
+    assert (tmp_path / "results" / "a.csv").read_text() == "what,value,unit\nwhite noise,3.0,ns/sample\npyo is not installed,,\n"
+    del sys.modules["bench"]
+
+
+def test_make_bench_runs_every_script_and_the_readme_tells_of_it():
+    scripts = {p.stem for p in (ROOT / "benchmarks").glob("*.py") if 'if __name__ == "__main__"' in p.read_text()}
+    run = re.search(r"^BENCHMARKS := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    told = re.findall(r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.MULTILINE)
+    assert scripts == set(run[1].split()) == set(told)
+    for name in scripts:
+        assert "--record" in (ROOT / "benchmarks" / f"{name}.py").read_text(), name
