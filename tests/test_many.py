@@ -217,7 +217,8 @@ def test_a_wrong_block_says_what_is_wanted(target, bad, words):
 @pytest.mark.parametrize(
     ("seeds", "threads", "words"),
     [
-        (64, None, "range"), ("abc", None, "range"), ([], None, "no seeds"), ([0, -1], None, "seed = -1"),
+        (64, None, "range"), ("abc", None, "seed = 'a'"), ([], None, "range"), ([0, -1], None, "seed = -1"),
+        (range(10**15), None, "limits.state_bytes"), (iter([1]), None, "range"),
         ([0.5], None, "seed = 0.5"), ([0], 0, "threads = 0"), ([0], 1.5, "threads = 1.5"), ([0], "two", "threads = 'two'"),
     ],
 )  # fmt: skip
@@ -242,6 +243,7 @@ def test_all_copies_are_changed_or_none(target):
         (BadValue, "5 copies, got 1", lambda: runs.reset([1])),
         (BadValue, "seed = -1", lambda: runs.reset([1, 2, 3, 4, -1])),
         (BadValue, "5 copies, not 7", lambda: runs.reset(7)),
+        (BadValue, "5 copies, got 1000000000000", lambda: runs.reset(range(10**12))),
         (BadValue, "another scene", lambda: setattr(runs, "state", wrong)),
         (BadValue, "5 copies, got 4", lambda: setattr(runs, "state", before[:4])),
     ]:

@@ -10,7 +10,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
@@ -49,6 +49,14 @@ def _key(seed: Any) -> int:
     if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
         raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
     return int(seed)
+
+
+def _length(values: Any) -> int | None:
+    """Of a sequence; None for anything else."""
+    try:
+        return len(values)
+    except TypeError:
+        return None
 
 
 def _explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
@@ -339,7 +347,7 @@ class Processor:
         return value, ramp
 
     # Many at once --------------------------------------------------------------------------------------------------
-    def many(self, seeds: Iterable[int], threads: int | None = None) -> Copies:
+    def many(self, seeds: Sequence[int], threads: int | None = None) -> Copies:
         """Copies of this processor that run together, each with its own seed, parameters and motion.
 
         They share tables and code, and begin at sample 0 with the scene's parameters.  Copy k gives the bits of
@@ -462,21 +470,19 @@ class Copies(Sequence[Processor]):
     Notes
     -----
     Threads take one copy after the other, so copies with more to do (an open gate) hold nobody up.  With target="python" they
-    run one after another.
+    run one after another.  As with a processor, while ``process`` runs in one thread no other may touch the copies.
     """
 
-    def __init__(self, proc: Processor, seeds: Iterable[int], threads: int | None = None):
-        if isinstance(seeds, (str, bytes)) or not np.iterable(seeds):
+    def __init__(self, proc: Processor, seeds: Sequence[int], threads: int | None = None):
+        copies = _length(seeds)
+        if not copies:
             raise BadValue(f"many: seeds = {seeds!r}: give one for each copy, such as range(64)")
-        keys = [_key(seed) for seed in seeds]
-        if not keys:
-            raise BadValue("many: no seeds: give one for each copy, such as range(64)")
         self.threads = (os.cpu_count() or 1) if threads is None else threads
         if not isinstance(self.threads, (int, np.integer)) or self.threads < 1:
             raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
         each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
-        limits.check("state_bytes", len(keys) * each, f"bytes of the states and buffers of {len(keys)} copies")
-        self._all = [proc._copy(key, 8 + len(keys)) for key in keys]
+        limits.check("state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies")
+        self._all = [proc._copy(key, 8 + copies) for key in [_key(seed) for seed in seeds]]
         self._run = proc._engine.together([p._engine for p in self._all])
         self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")  # beside the one that calls
 
@@ -566,13 +572,13 @@ class Copies(Sequence[Processor]):
         >>> runs[2].params
         {'a': 3.0}
         """
-        one = isinstance(value, (str, bytes)) or not np.iterable(value)
-        values = self._each([value] * len(self) if one else value, f"set({name!r}): values")  # type: ignore[arg-type]
+        one = isinstance(value, str) or _length(value) is None
+        values = [value] * len(self) if one else self._each(value, f"set({name!r}): values")
         settings = [p._setting(name, v, ramp) for p, v in zip(self, values, strict=True)]
         for p, (v, seconds) in zip(self, settings, strict=True):
             p.set(name, v, seconds)
 
-    def reset(self, seeds: Iterable[int] | None = None) -> None:
+    def reset(self, seeds: Sequence[int] | None = None) -> None:
         """Every copy back to sample 0, parameters at their initial values; with seeds, one for each, every noise gets new keys.
 
         Raises
@@ -600,13 +606,14 @@ class Copies(Sequence[Processor]):
         """Of each copy: (output, sample index) of its first non-finite sample, or None."""
         return [p.fault for p in self]
 
-    def _each(self, values: Iterable[Any], what: str) -> list[Any]:
+    def _each(self, values: Any, what: str) -> list[Any]:
         """As many as there are copies."""
-        found = list(values) if np.iterable(values) else []
-        if len(found) != len(self):
-            given = f"got {len(found)}" if np.iterable(values) else f"not {values!r}"
-            raise BadValue(f"{what}: give one for each of {len(self)} copies, {given}")
-        return found
+        given = _length(values)
+        if given != len(self):
+            raise BadValue(
+                f"{what}: give one for each of {len(self)} copies, {f'not {values!r}' if given is None else f'got {given}'}"
+            )
+        return list(values)
 
 
 class PlanRow(NamedTuple):
