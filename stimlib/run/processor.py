@@ -541,9 +541,10 @@ class Copies(Sequence[Processor]):
             for _ in range(1, min(self.threads, copies, 1 + copies * n // WORTHWHILE)):
                 helpers.append(self._pool.submit(work))
             work()
-        finally:  # whoever has not begun need not
-            wait(running := [h for h in helpers if not h.cancel()])
-        for h in running:
+        finally:
+            helpers = [h for h in helpers if not h.cancel()]  # whoever has not begun need not
+            wait(helpers)
+        for h in helpers:
             h.result()
         return out
 
