@@ -38,6 +38,16 @@ PRINTED = {
         "tau2=11.45 [9.677, 13.54]; 2.3 % rms of 53 samples)\n"
         "springpot: 0.897 N, after two seconds 0.489 N\narms: 0.768 N, after two seconds 0.480 N\n"
     ),
+    "many_noises.py": (
+        "A = 0.5:  1.81 mN rms, 2.9 % from noise to noise\n"
+        "A = 1.0:  3.60 mN rms, 3.4 % from noise to noise\n"
+        "A = 1.5:  5.34 mN rms, 2.7 % from noise to noise\n"
+        "A = 2.0:  7.16 mN rms, 3.3 % from noise to noise\n"
+        "A = 2.5:  8.99 mN rms, 3.4 % from noise to noise\n"
+        "A = 3.0: 10.69 mN rms, 3.2 % from noise to noise\n"
+        "A = 3.5: 12.56 mN rms, 3.1 % from noise to noise\n"
+        "A = 4.0: 14.37 mN rms, 3.4 % from noise to noise\n"
+    ),
     "recover_springpot.py": (
         "          found                  95 %  start\n"
         "k       798.481    796.556 .. 800.411    300  N/m\n"

@@ -7,6 +7,7 @@ A pole near 1 keeps its leak 1 - p to 2^-53/(1 - p): far better than a spectrum 
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from ..core.response import backward
 from ..design import responses
 from ..design.eights import padded
 from ..design.minimax import asked_by
-from ..design.pink import cholesky, pink_modes, stationary_covariance
+from ..design.pink import pink_modes, stationary_factor
 from .noise import White, noise_key, normals
 
 
@@ -131,15 +132,15 @@ class PinkNoise(Modes):
         gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
         return bank(m.e, gain * m.r, gain * m.d)
 
-    def start(self, p, s, seed):
+    def start(self, p, s, seed, normals=normals):
         """q ~ N(0, P), P_ij = 1/(e_i + e_j - e_i e_j), drawn under a key of its own."""
         if not isinstance(self.white, White):
             return s
-        e = 1.0 - p.p[p.r != 0]
-        g = normals(noise_key(seed, *self.white.noise_key, 1), e.size)
-        L = cholesky(stationary_covariance(e))
-        q = np.array([math.fsum(L[i, j] * g[j] for j in range(i + 1)) for i in range(e.size)])
-        return ModesState(padded(q, n=s.q.size))
+        L = stationary_factor((1.0 - p.p[p.r != 0]).tobytes())
+        g = normals(noise_key(seed, *self.white.noise_key, 1), len(L)).tolist()
+        q = np.zeros(s.q.size)
+        q[: len(L)] = [math.fsum(map(operator.mul, row, g)) for row in L]
+        return ModesState(q)
 
     def laws(self, fs):
         return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)

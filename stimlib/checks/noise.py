@@ -76,7 +76,7 @@ def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.nd
     except SceneError:
         return None
     like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
-    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design, e.seed)]
+    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design)(e.seed)]
     rows = {f"white_{seed}_{stream}": white for (seed, stream), white in known.items()}
     early = lead(e.fs)
     x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])

@@ -318,11 +318,33 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
                 )
 
 
-def first_states(program: Program, design: list[tuple[Any, Any]], seed: int) -> np.ndarray:
-    """Words of all states before the lead, in canonical order: instance order, then field order."""
-    with np.errstate(all="ignore"):
-        w = [pack(q.block.start(p, s, seed)) for q, (p, s) in zip(program.instances, design, strict=True) if q.kind == "block"]
-    return np.concatenate(w) if w else np.zeros(0, np.uint64)
+def start(block: Block, p: Any, s: Any, seed: int) -> Any:
+    """The first state of a block in a run with this seed, as the block itself says."""
+    return block.start(p, s, seed)
+
+
+def first_states(
+    program: Program, design: list[tuple[Any, Any]], start: Callable[..., Any] = start
+) -> Callable[[int], np.ndarray]:
+    """first(seed): words of all states before the lead, in canonical order: instance order, then field order."""
+    own, parts, at = [], [np.zeros(0, np.uint64)], 0
+    for q, (p, s) in zip(program.instances, design, strict=True):
+        if q.kind == "block":
+            if type(q.block).start is not Block.start:
+                own.append((at, q.block, p, s))
+            parts.append(pack(s))
+            at += parts[-1].size
+    rest = np.concatenate(parts)
+
+    def first(seed: int) -> np.ndarray:
+        words = rest.copy()
+        with np.errstate(all="ignore"):
+            for at, block, p, s in own:
+                new = pack(start(block, p, s, seed))
+                words[at : at + new.size] = new
+        return words
+
+    return first
 
 
 def rate(fs: Any) -> float:

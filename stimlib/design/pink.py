@@ -302,3 +302,28 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
             else:
                 raise BadValue(f"cholesky: the leading {i + 1} x {i + 1} block is not positive definite")
     return lower
+
+
+@lru_cache(maxsize=256)
+def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
+    """Rows of the lower Cholesky factor of ``stationary_covariance``, up to their diagonal.
+
+    Parameters
+    ----------
+    leaks : bytes
+        Those of the leaks, float64.
+
+    Returns
+    -------
+    tuple of tuple of float
+        Row i has i + 1 numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.design.pink import stationary_factor
+    >>> [[round(v, 3) for v in row] for row in stationary_factor(np.array([0.5, 1.0]).tobytes())]
+    [[1.155], [0.866, 0.5]]
+    """
+    lower = cholesky(stationary_covariance(np.frombuffer(leaks)))
+    return tuple(tuple(row[: i + 1]) for i, row in enumerate(lower.tolist()))

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import html
 import logging
 import math
+import os
 import threading
 import time
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
+from ..core.bounds import limits
 from ..core.graph import kind, pack
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, shown
@@ -25,6 +31,10 @@ LONGEST = 2**62
 """Samples of the longest run."""
 
 
+WORTHWHILE = 2048
+"""Samples, of all copies together, for which it is worth while to wake another thread."""
+
+
 class Change(NamedTuple):
     """A call of ``Processor.set``: it acts from sample ``at`` on."""
 
@@ -32,6 +42,37 @@ class Change(NamedTuple):
     name: str
     value: float
     ramp: float
+
+
+def _key(seed: Any) -> int:
+    """The key of a run's noise."""
+    if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
+        raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
+    return int(seed)
+
+
+def _length(values: Any) -> int | None:
+    """Of a sequence; None for anything else."""
+    try:
+        return len(values)
+    except TypeError:
+        return None
+
+
+def _explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
+    """Raise BadValue unless an array is what ``process`` takes."""
+    texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
+    wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
+    if not isinstance(a, np.ndarray):
+        raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
+    if not any(a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True)) for s in shapes):
+        raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
+    if a.dtype != np.float64:
+        raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
+    if not a.flags.c_contiguous:
+        raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
+    if name == "out" and not a.flags.writeable:
+        raise BadValue("process: out is read-only")
 
 
 @overload
@@ -133,10 +174,14 @@ class Processor:
         sizes = [pack(s).size for _, s in self.design]
         self._place = np.cumsum([0, *sizes[:-1]]).tolist()  # of each instance's state among the words
         self._guards = [(name, self._place[i]) for name, i in self.program.outputs.items()]
-        self._fresh: dict[int, np.ndarray] = {}
+        self._fresh: dict[int, np.ndarray] = {}  # states at sample 0, by seed
+        self._remembered = 8
         self._size = 2 + sum(sizes)
         shapes = [[(kind(v), np.size(v)) for v in s] for _, s in self.design]
         text = repr((self.program.hash, fs.hex(), shapes))
+        self._first = first_states(self.program, self.design, self._engine.start)
+        autonomous = {q.clock for q in blocks if q.autonomous and q.kind in ("block", "open")}
+        self._early = [c for c in range(len(self.program.parents) - 1, PARAMS, -1) if c in autonomous]  # clocks with a lead
         self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
         self._lock = threading.RLock()
         self.reset(seed)
@@ -182,24 +227,11 @@ class Processor:
             raise
         except (TypeError, AttributeError, IndexError, ValueError):
             pass
-        self._explain("x", x, self.inputs, None)
-        self._explain("out", out, self.outputs, x.shape[1])
+        _explain("x", x, self.inputs, (len(self.inputs), None))
+        _explain("out", out, self.outputs, (len(self.outputs), x.shape[1]))
         if np.may_share_memory(x, out):
             raise BadValue("process: out and x share memory, shifted by a part of a row: use another array, or x itself")
         raise AssertionError("process refused arrays that look right")
-
-    def _explain(self, name: str, a: Any, rows: tuple[str, ...], n: int | None) -> None:
-        wanted = f"float64 of shape ({len(rows)}, {'n' if n is None else n}), rows {', '.join(rows) or '(none)'}"
-        if not isinstance(a, np.ndarray):
-            raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
-        if a.ndim != 2 or a.shape[0] != len(rows) or (n is not None and a.shape[1] != n):
-            raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
-        if a.dtype != np.float64:
-            raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
-        if not a.flags.c_contiguous:
-            raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
-        if name == "out" and not a.flags.writeable:
-            raise BadValue("process: out is read-only")
 
     @property
     def index(self) -> int:
@@ -221,6 +253,10 @@ class Processor:
 
     @state.setter
     def state(self, words: np.ndarray) -> None:
+        self._go_on(self._sound(words))
+
+    def _sound(self, words: Any) -> np.ndarray:
+        """A state, if it is one of this scene."""
         try:
             words = np.ascontiguousarray(words)
         except ValueError:  # rows of several lengths
@@ -233,6 +269,9 @@ class Processor:
             raise BadValue("this state belongs to another scene or sample rate")
         if words[1] > LONGEST:
             raise BadValue(f"this state is at sample {words[1]}, which no run reaches: it is damaged")
+        return words
+
+    def _go_on(self, words: np.ndarray) -> None:
         with self._lock:
             self._engine.words = words[2:]
             self._engine.count = int(words[1])
@@ -248,18 +287,13 @@ class Processor:
         seed : int, optional
             0 .. 2**64 - 1; None keeps the last one.
         """
-        if seed is None:
-            seed = self.seed
-        if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-            raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
         with self._lock:
-            self.seed = int(seed)
+            self.seed = self.seed if seed is None else _key(seed)
             if self.seed not in self._fresh:
-                self._engine.words = first_states(self.program, self.design, self.seed)
-                for clock in range(len(self.program.parents) - 1, PARAMS, -1):
-                    if any(q.autonomous and q.clock == clock and q.kind in ("block", "open") for q in self.program.instances):
-                        self._engine.warm(clock, lead(self.fs))
-                if len(self._fresh) >= 8:
+                self._engine.words = self._first(self.seed)
+                for clock in self._early:
+                    self._engine.warm(clock, lead(self.fs))
+                if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
                 self._fresh[self.seed] = self._engine.words
             self._engine.words = self._fresh[self.seed]
@@ -295,6 +329,14 @@ class Processor:
         >>> proc.process(np.empty((0, 5)))
         array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
         """
+        value, ramp = self._setting(name, value, ramp)
+        with self._lock:
+            self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
+            self.params[name] = value
+            self.log.append(Change(self.index, name, value, ramp))
+
+    def _setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
+        """Value and ramp as numbers, if they can be meant."""
         if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
         value, ramp = number(value, f"set({name!r}): value"), number(ramp, f"set({name!r}): ramp")
@@ -302,10 +344,51 @@ class Processor:
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
         if not (math.isfinite(ramp * self.fs) and ramp >= 0):
             raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
-        with self._lock:
-            self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
-            self.params[name] = value
-            self.log.append(Change(self.index, name, value, ramp))
+        return value, ramp
+
+    # Many at once --------------------------------------------------------------------------------------------------
+    def many(self, seeds: Sequence[int], threads: int | None = None) -> Copies:
+        """Copies of this processor that run together, each with its own seed, parameters and motion.
+
+        They share tables and code, and begin at sample 0 with the scene's parameters.  Copy k gives the bits of
+        ``stimlib.compile(scene, fs, target, seeds[k])``, whatever the others do and however many threads there are.
+
+        Parameters
+        ----------
+        seeds : sequence of int
+            One for each copy, 0 .. 2**64 - 1; equal ones give equal noise.
+        threads : int, optional
+            That run at once; by default one for each core.
+
+        Returns
+        -------
+        Copies
+
+        Raises
+        ------
+        BadValue
+            No seeds, or what is none; threads below 1; more memory than ``stimlib.limits.state_bytes``.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> from stimlib.blocks import white_noise
+        >>> scene = stimlib.Scene({"y": stimlib.Param("level", 1.0) * white_noise(seed=1)})
+        >>> runs = stimlib.compile(scene, fs=1000).many(seeds=range(64))
+        >>> runs.set("level", np.linspace(0.1, 2.0, 64), ramp=0.0)
+        >>> runs.process(np.empty((0, 500))).shape
+        (64, 1, 500)
+        """
+        return Copies(self, seeds, threads)
+
+    def _copy(self, seed: int, remembered: int) -> Processor:
+        other = copy.copy(self)
+        other._engine = self._engine.copy()
+        other._run = other._engine.process
+        other._remembered = remembered
+        other.log = []
+        other.reset(seed)
+        return other
 
     # Telling -----------------------------------------------------------------------------------------------------
     @property
@@ -376,6 +459,162 @@ class Processor:
         from ..core.response import response
 
         return response(self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float))
+
+
+class Copies(Sequence[Processor]):
+    """Copies of one processor that run together, in threads that never wait for Python.
+
+    Made by ``Processor.many``.  ``runs[k]`` is copy k, a ``Processor`` of its own: set, reset or process it alone, ask for its
+    state or its response.
+
+    Notes
+    -----
+    Threads take one copy after the other, so copies with more to do (an open gate) hold nobody up.  With target="python" they
+    run one after another.  As with a processor, while ``process`` runs in one thread no other may touch the copies.
+    """
+
+    def __init__(self, proc: Processor, seeds: Sequence[int], threads: int | None = None):
+        copies = _length(seeds)
+        if not copies:
+            raise BadValue(f"many: seeds = {seeds!r}: give one for each copy, such as range(64)")
+        self.threads = (os.cpu_count() or 1) if threads is None else threads
+        if not isinstance(self.threads, (int, np.integer)) or self.threads < 1:
+            raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
+        each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
+        limits.check("state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies")
+        self._all = [proc._copy(key, 8 + copies) for key in [_key(seed) for seed in seeds]]
+        self._run = proc._engine.together([p._engine for p in self._all])
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")  # beside the one that calls
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    @overload
+    def __getitem__(self, k: int) -> Processor: ...
+    @overload
+    def __getitem__(self, k: slice) -> list[Processor]: ...
+    def __getitem__(self, k):
+        return self._all[k]
+
+    def __repr__(self):
+        return f"Copies({len(self)} of {self[0]!r}, {self.threads} threads)"
+
+    def process(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """The next n samples of every copy.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n_inputs, n) or (copies, n_inputs, n), float64, C-contiguous
+            One motion for all, or one for each; as in ``Processor.process``.
+        out : ndarray, shape (copies, n_outputs, n), float64, C-contiguous, optional
+            Written and returned when given.
+
+        Returns
+        -------
+        ndarray, shape (copies, n_outputs, n)
+
+        Raises
+        ------
+        BadValue
+            A wrong shape, type or layout; an ``out`` that shares memory with x (``out`` may be x).  Nothing has run then.
+
+        Examples
+        --------
+        >>> import numpy as np, stimlib
+        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc.many(seeds=[0, 0]).process(np.array([[[1.0, 2.0]], [[3.0, 4.0]]]))
+        array([[[2., 4.]],
+        <BLANKLINE>
+               [[6., 8.]]])
+        """
+        copies, inputs, outputs = len(self), self[0].inputs, self[0].outputs
+        _explain("x", x, inputs, (len(inputs), None), (copies, len(inputs), None))
+        n = x.shape[-1]
+        if out is None:
+            out = np.empty((copies, len(outputs), n))
+        _explain("out", out, outputs, (copies, len(outputs), n))
+        if np.may_share_memory(x, out) and not (x.shape == out.shape and x.ctypes.data == out.ctypes.data):
+            raise BadValue("process: out and x share memory: use another array, or x itself")
+        work = partial(self._run, np.zeros(1, np.int64), x if x.ndim == 3 else x[None], out)
+        helpers: list[Future] = []
+        try:
+            for _ in range(1, min(self.threads, copies, 1 + copies * n // WORTHWHILE)):
+                helpers.append(self._pool.submit(work))
+            work()
+        finally:
+            helpers = [h for h in helpers if not h.cancel()]  # whoever has not begun need not
+            wait(helpers)
+        for h in helpers:
+            h.result()
+        return out
+
+    def set(self, name: str, value: float | Sequence[float] | np.ndarray, ramp: float = 0.02) -> None:
+        """Change a parameter of all copies from their next sample on.
+
+        Parameters
+        ----------
+        name : str
+        value : float or sequence of float, shape (copies,)
+            One for all, or one for each; ``runs[k].set`` changes copy k alone.
+        ramp : float
+            Seconds; see ``Processor.set``.
+
+        Raises
+        ------
+        UnknownName, BadValue
+            As ``Processor.set``; not as many values as copies.  Nothing is changed then.
+
+        Examples
+        --------
+        >>> import stimlib
+        >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=1000, target="python")
+        >>> runs = proc.many(seeds=range(3))
+        >>> runs.set("a", [1.0, 2.0, 3.0])
+        >>> runs[2].params
+        {'a': 3.0}
+        """
+        one = isinstance(value, str) or _length(value) is None
+        values = [value] * len(self) if one else self._each(value, f"set({name!r}): values")
+        settings = [p._setting(name, v, ramp) for p, v in zip(self, values, strict=True)]
+        for p, (v, seconds) in zip(self, settings, strict=True):
+            p.set(name, v, seconds)
+
+    def reset(self, seeds: Sequence[int] | None = None) -> None:
+        """Every copy back to sample 0, parameters at their initial values; with seeds, one for each, every noise gets new keys.
+
+        Raises
+        ------
+        BadValue
+            Not as many seeds as copies, or what is no seed.  Nothing is reset then.
+        """
+        keys = [p.seed for p in self] if seeds is None else [_key(seed) for seed in self._each(seeds, "reset: seeds")]
+        for p, key in zip(self, keys, strict=True):
+            p.reset(key)
+
+    @property
+    def state(self) -> np.ndarray:
+        """The state of each copy, shape (copies, words), uint64; assign it to go on from there.  See ``Processor.state``."""
+        return np.stack([p.state for p in self])
+
+    @state.setter
+    def state(self, words: np.ndarray) -> None:
+        states = [p._sound(w) for p, w in zip(self, self._each(words, "state: rows"), strict=True)]
+        for p, w in zip(self, states, strict=True):
+            p._go_on(w)
+
+    @property
+    def fault(self) -> list[tuple[str, int] | None]:
+        """Of each copy: (output, sample index) of its first non-finite sample, or None."""
+        return [p.fault for p in self]
+
+    def _each(self, values: Any, what: str) -> list[Any]:
+        """As many as there are copies."""
+        given = _length(values)
+        if given != len(self):
+            raise BadValue(
+                f"{what}: give one for each of {len(self)} copies, {f'not {values!r}' if given is None else f'got {given}'}"
+            )
+        return list(values)
 
 
 class PlanRow(NamedTuple):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..core.graph import Param, at_rest, pack, unpack
-from ..core.program import PARAMS, ROOT, Program
+from ..core.program import PARAMS, ROOT, Program, start
 from ..core.steps import sample
 
 
@@ -15,6 +16,7 @@ class Engine:
     """Runs a program; ``words`` is its whole state.  See ``stimlib.run.processor`` for the public face."""
 
     address = None
+    start = staticmethod(start)
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
         self.program = program
@@ -24,6 +26,21 @@ class Engine:
         self.s = [unpack(s, pack(s)) for _, s in design]
         blocks = [q.block for q in program.instances]
         self.work = [np.zeros(b.work(p) if b.work else 0) for b, p in zip(blocks, self.p, strict=True)]
+        self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
+
+    def copy(self) -> Engine:
+        """Another run of the same program."""
+        return Engine(self.program, self.design, 0.0)
+
+    @staticmethod
+    def together(engines: Sequence[Engine]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
+        """run(turn, x, out): one copy after the other, in one thread.  See ``stimlib.targets.numba.engine``."""
+
+        def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+            for k, e in enumerate(engines):
+                e.process(x[k % len(x)], out[k])
+
+        return run
 
     def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, float]:
         """Values of all instances at one sample of a clock, and of whatever that enables."""

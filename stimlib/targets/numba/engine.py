@@ -6,10 +6,13 @@ holds the text of the step and of every helper and constant that it uses: an edi
 
 from __future__ import annotations
 
+import copy
 import inspect
 import re
+import threading
 import types
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +20,11 @@ import llvmlite.binding
 import numba
 import numpy as np
 
+from ...blocks.modes import PinkNoise
+from ...blocks.noise import White
 from ...core import maths, steps
-from ...core.graph import at_rest, kind, memo, pack
-from ...core.program import PARAMS, ROOT, Program
+from ...core.graph import Block, at_rest, kind, memo, pack
+from ...core.program import PARAMS, ROOT, Program, design_of, first_states, lower
 from ...errors import SceneError, place
 from . import lanes, native
 from .cache import load
@@ -37,6 +42,11 @@ def runtime() -> types.ModuleType:
     for name in KERNELS:
         llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
     return module
+
+
+@cache
+def _together() -> types.ModuleType:
+    return load(Path(__file__).with_name("together.py").read_text(), "together")
 
 
 # One class to one segment --------------------------------------------------------------------------------------------
@@ -256,27 +266,54 @@ class Engine:
         self.table = np.array(rows, np.int64).reshape(-1, 6)
         self.P = np.concatenate([np.zeros(0, np.uint64), *P]) if P else np.zeros(1, np.uint64)
         self.A = np.array(A, np.int64)
-        self.S = np.zeros(max(state_at, 1), np.uint64)
-        self.W = np.zeros(len(slot) * TILE + scratch + TILE)  # a stretch may begin late in its tile
-        for k, v in constants:
-            self.W[k : k + TILE] = v
-        self.N = np.zeros(clocks, np.int64)
-        self.index = np.zeros(clocks * 2 * TILE, np.int64)
-        self.pending = np.zeros((max(1, len(program.params)), 4), np.int64)
         self._param = {i: j for j, i in enumerate(program.params.values())}
-        for i, j in self._param.items():
-            self.pending[j, 1] = self._place[i]
         self.size = state_at
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
-        self.ctx = np.array(
-            [
-                len(rows), *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)), len(program.inputs),
-                len(program.outputs), outs_at, self.N.ctypes.data, self.index.ctypes.data, clocks, -1, self.pending.ctypes.data,
-                len(program.params), 0, machine.entry.address,
-            ], np.int64,
-        )  # fmt: skip
-        self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
+        self._constants = constants
+        self._outs_at, self._clocks = outs_at, clocks
+        self._buffers = len(slot) * TILE + scratch + TILE  # a stretch may begin late in its tile
         self.runner = machine.process
+        self._allot()
+
+    def _allot(self) -> None:
+        """Memory of one run, in whole lines of the cache: threads that run copies write into no line of each other."""
+        machine, params = runtime(), len(self._param)
+        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 17
+        ends = np.cumsum([-(-n // 8) * 8 for n in words])
+        memory = np.zeros(ends[-1] + 8, np.uint64)
+        self.nbytes = memory.nbytes
+        first = -memory.ctypes.data // 8 % 8
+        self.S, W, *rest = np.split(memory[first : first + ends[-1]], ends[:-1])
+        self.W = W.view(np.float64)
+        self.N, self.index, pending, self.ctx = (a.view(np.int64) for a in rest)
+        self.pending = pending.reshape(-1, 4)
+        for k, v in self._constants:
+            self.W[k : k + TILE] = v
+        for i, j in self._param.items():
+            self.pending[j, 1] = self._place[i]
+        self.ctx[:17] = [
+            len(self.table), *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)), self._empty[0].shape[0],
+            self._empty[1].shape[0], self._outs_at, self.N.ctypes.data, self.index.ctypes.data, self._clocks, -1,
+            self.pending.ctypes.data, params, 0, machine.entry.address,
+        ]  # fmt: skip
+        self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
+
+    def copy(self) -> Engine:
+        """Another run of the same program: with memory of its own, all tables shared."""
+        other = copy.copy(self)
+        other._allot()
+        return other
+
+    @staticmethod
+    def together(engines: Sequence[Engine]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
+        """run(turn, x, out), for each of several threads: what of copies of one program no other thread has taken, without
+        Python's lock.  turn is one number, 0 at the start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit."""
+        return partial(_together().process, np.array([e.ctx.ctypes.data for e in engines]))
+
+    @staticmethod
+    def start(block: Block, p: Any, s: Any, seed: int) -> Any:
+        """The first state of a block in a run with this seed: that of the block, drawn from compiled noise."""
+        return block.start(p, s, seed, normals) if isinstance(block, PinkNoise) else block.start(p, s, seed)
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
         """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
@@ -317,6 +354,37 @@ class Engine:
     def words(self, w: np.ndarray) -> None:
         self.pending[:, 0] = 0
         self.S[: self.size] = w
+
+
+_one = threading.Lock()
+
+
+@cache
+def _white() -> Engine:
+    program = lower({"white": White(0)})
+    design = design_of(program, 1000.0)  # deviates are the same at every rate
+    engine = Engine(program, design, 1000.0)
+    engine.words = first_states(program, design)(0)
+    return engine
+
+
+def normals(key: np.uint64, n: int) -> np.ndarray:
+    """The first n deviates of a stream, as ``stimlib.blocks.noise.normals``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.blocks import noise
+    >>> from stimlib.targets.numba.engine import normals
+    >>> bool(np.all(normals(np.uint64(7), 5) == noise.normals(np.uint64(7), 5)))
+    True
+    """
+    y = np.empty((1, n))
+    with _one:
+        engine = _white()
+        engine.S[0], engine.S[1] = key, 0  # see WhiteState
+        engine.process(np.empty((0, n)), y)
+    return y[0]
 
 
 def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -1,0 +1,28 @@
+"""The loop over copies of a program that each of several threads runs.  Its text is compiled from the cache, as ``runtime``."""
+
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+from stimlib.targets.numba.native import at, data, i8_at, run
+
+
+@intrinsic
+def take(ctx, p):
+    """The number at p, then one more: no two threads get the same."""
+    return types.int64(p), lambda c, b, s, v: b.atomic_rmw("add", v[0], ir.Constant(ir.IntType(64), 1), "monotonic")
+
+
+WRITE = types.Array(types.float64, 3, "C")
+ARRAYS = WRITE, types.Array(types.float64, 3, "C", readonly=True)
+I8S = types.int64[::1]
+
+
+@njit([types.void(I8S, I8S, a, WRITE) for a in ARRAYS], cache=True, error_model="numpy", nogil=True)
+def process(contexts, turn, x, y):
+    k = take(data(turn))
+    while k < contexts.size:
+        ctx = i8_at(contexts[k])
+        rows = at(data(x), k % x.shape[0] * x.shape[1] * x.shape[2])
+        run(ctx[16], ctx, rows, at(data(y), k * y.shape[1] * y.shape[2]), y.shape[2])
+        k = take(data(turn))
