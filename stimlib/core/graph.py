@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError, UnitError, place
 from . import units as un
-from .maths import copy, where
+from .maths import where
 from .operators import NUMBERS, Refusals, functions, no_numpy, power
 from .source import source_of
 from .units import Unit, unit
@@ -708,9 +708,9 @@ class Guard(Block):
     def tile(p, s, x, y):
         last, left, at, bad = s.last, s.left, s.at, NONE
         for i in range(y.size):
+            y[i] = x[i]
             bad = bad + where(x[i] - x[i] == 0.0, NONE, ONE)
         if left < 0.0 and bad == NONE:  # as nearly always
-            copy(x, y)
             return GuardState(x[x.size - 1], left, at + np.uint64(x.size))
         for i in range(y.size):
             healthy = where(left < 0.0, where(x[i] - x[i] == 0.0, 1.0, 0.0), 0.0) > 0.0

@@ -35,6 +35,7 @@ import numba
 import platformdirs
 
 from ...core import maths, regular
+from ...core.steps import source
 from ...errors import SinkError
 from . import kernels, lanes, native
 
@@ -105,7 +106,8 @@ def _salt() -> str:
     config: Any = numba.config
     host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.features()
     flags = numba.__version__, llvmlite.__version__, sys.version_info[:2], config.BOUNDSCHECK, config.OPT, *host
-    return "".join(map(inspect.getsource, (kernels, lanes, native, maths))) + runtime + repr(flags)
+    operations = "".join(source(cls.step) for cls in lanes.OPERATIONS if cls.step)
+    return "".join(map(inspect.getsource, (kernels, lanes, native, maths))) + runtime + operations + repr(flags)
 
 
 def load(text: str, stem: str) -> types.ModuleType:

@@ -23,8 +23,8 @@ import numpy as np
 from ...blocks.modes import PinkNoise
 from ...blocks.noise import White
 from ...core import maths, steps
-from ...core.graph import Block, at_rest, kind, memo, pack
-from ...core.program import PARAMS, ROOT, Program, design_of, first_states, lower
+from ...core.graph import Block, Map, Param, at_rest, kind, memo, pack
+from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from ...errors import SceneError, place
 from . import lanes, native
 from .cache import load
@@ -98,8 +98,10 @@ def _tuple_text(name: str, t: type) -> str:
 
 
 @memo
-def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int):
-    """The segment of a block class whose parameters and states have these kinds of fields."""
+def _segment(
+    cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1
+):
+    """The segment of a block class whose parameters and states have these kinds of fields, or that of two blocks side by side."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
     steps.source(f)  # an error here names the step, not the first of its helpers
     out: list[str] = [_HEAD]
@@ -111,48 +113,70 @@ def _segment(cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type
         theirs = next((name for name, v in done.items() if v is t), None)  # the step's own, or the types would differ
         if hasattr(t, "_fields"):
             out.append(f"{ours} = {theirs}" if theirs else _tuple_text(ours, t))
-    at, p_args = 0, []
-    for k in p_kinds:
-        if k in "FU":
-            memory = "C" if k == "U" else "P"
-            p_args.append(f"_sl_carray(_sl.at({memory}, _sl_np.int64(C[{at}])), _sl_np.int64(C[{at + 1}]))")
-        else:
-            p_args.append(f"{'C' if k == 'u' else 'P'}[{at}]")
-        at += 2 if k in "FU" else 1
-    before, after, s_args, place = ["C = _sl.as_u8(P)", "Z = _sl.as_u8(S)"], [], [], "0"
-    for k, name in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
-        memory = "Z" if k in "uU" else "S"
-        if k in "FU":
-            before.append(f"z_{name} = _sl_np.int64(C[{at}])")
-            s_args.append(f"_sl_carray(_sl.at({memory}, {place}), z_{name})")
-            place += f" + z_{name}"
-            at += 1
-        else:
-            s_args.append(f"{memory}[{place}]")
-            after.append(f"{memory}[{place}] = s.{name}")
-            place += " + 1"
-    before.append(f"p = _sl_P({', '.join(p_args)})" if p_kinds else "p = ()")
-    before.append(f"s = _sl_S({', '.join(s_args)})" if s_kinds else "s = ()")
-    before += [f"x{j} = _sl_carray(_sl.at(W, A[{j}]), n)" for j in range(inputs)]
-    before.append(f"y = _sl_carray(_sl.at(W, A[{inputs}]), n)")
+    lines: list[str] = []
+    after: list[str] = []
+    blocks = [_one_of(c, p_kinds, s_kinds, s_type, inputs, bool(cls.tile and cls.work), lines, after) for c in range(copies)]  # type: ignore[attr-defined]
     warm = [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"] if cls.resettable else []  # type: ignore[attr-defined]
     if cls.tile:  # type: ignore[attr-defined]
-        scratch = [f"_sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))"] if cls.work else []  # type: ignore[attr-defined]
-        body = [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
+        scratch = ["w"] if cls.work else []  # type: ignore[attr-defined]
+        lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
     elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.bind(f):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
-        body = [f"_sl_lanes.each(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)"]
+        lines.append(f"_sl_lanes.each(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
     else:
-        sample = f"y[i], s = _sl_block({', '.join(['p', 's', *(f'x{j}[i]' for j in range(inputs))])})"
-        body = ["for i in range(n):", *("    " + text for text in [sample, *warm])]
-    lines = "\n".join("    " + text for text in [*before, *body, *after])
-    out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{lines}\n')
+        lines.append("for i in range(n):")
+        for c in blocks:
+            x = "".join(f", x{j}{c}[i]" for j in range(inputs))
+            sample = [f"y{c}[i], s{c} = _sl_block(p{c}, s{c}{x})", *(re.sub(r"\bs\b", f"s{c}", text) for text in warm)]
+            lines += ["    " + text for text in sample]
+    body = "\n".join("    " + text for text in [*lines, *after])
+    out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{body}\n')
     text = "\n".join(out)
     try:
         return load(text, _owner(cls).__name__)
     except (numba.core.errors.NumbaError, TypeError) as e:
         name = "tile" if f is cls.tile else "step"  # type: ignore[attr-defined]
         raise SceneError(f"{_line(e, text, f)}{cls.__name__}.{name}: it does not compile: {_said(e)}") from e
+
+
+def _one_of(
+    c: int, p_kinds: str, s_kinds: str, s_type: type, inputs: int, scratch: bool, before: list[str], after: list[str]
+) -> str:
+    """Text that takes a block's numbers from the tables and keeps its state; what its names end with comes back.
+
+    A second block's words and state lie some words further on, as A tells.
+    """
+    name, place = str(c or ""), c * (inputs + 1)
+    if c:
+        before += [f"P{c} = _sl.at(P, A[{2 * place}])", f"S{c} = _sl.at(S, A[{2 * place + 1}])"]
+    before += [f"C{name} = _sl.as_u8(P{name})", f"Z{name} = _sl.as_u8(S{name})"]
+    at, p_args = 0, []
+    for k in p_kinds:
+        if k in "FU":
+            memory = f"{'C' if k == 'U' else 'P'}{name}"
+            p_args.append(f"_sl_carray(_sl.at({memory}, _sl_np.int64(C{name}[{at}])), _sl_np.int64(C{name}[{at + 1}]))")
+        else:
+            p_args.append(f"{'C' if k == 'u' else 'P'}{name}[{at}]")
+        at += 2 if k in "FU" else 1
+    s_args, end = [], "0"
+    for k, field in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
+        memory = f"{'Z' if k in 'uU' else 'S'}{name}"
+        if k in "FU":
+            before.append(f"z{name}_{field} = _sl_np.int64(C{name}[{at}])")
+            s_args.append(f"_sl_carray(_sl.at({memory}, {end}), z{name}_{field})")
+            end += f" + z{name}_{field}"
+            at += 1
+        else:
+            s_args.append(f"{memory}[{end}]")
+            after.append(f"{memory}[{end}] = s{name}.{field}")
+            end += " + 1"
+    before.append(f"p{name} = _sl_P({', '.join(p_args)})" if p_kinds else f"p{name} = ()")
+    before.append(f"s{name} = _sl_S({', '.join(s_args)})" if s_kinds else f"s{name} = ()")
+    before += [f"x{j}{name} = _sl_carray(_sl.at(W, A[{place + j}]), n)" for j in range(inputs)]
+    before.append(f"y{name} = _sl_carray(_sl.at(W, A[{place + inputs}]), n)")
+    if scratch:
+        before.append(f"w = _sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))")
+    return name
 
 
 def _said(e: Exception) -> str:
@@ -194,10 +218,11 @@ class Engine:
         P: list[np.ndarray] = []
         p_at = 0
         A: list[int] = []
-        rows: list[tuple[int, int, int, int, int, int]] = []
+        rows: list[tuple[int, ...]] = []
         self.segments: list[str] = [""] * len(instances)
-        state_at = 0
-        self._place: dict[int, int] = {}  # of each Param's state
+        state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
+        self._place = {i: state[i] for i in program.params.values()}
+        still = _still(program, design)
         constants = []
         scratch = TILE
         work_slots: list[int] = []
@@ -205,69 +230,77 @@ class Engine:
         def place(key: Any) -> int:
             return slot.setdefault(key, len(slot) * TILE)
 
+        def row(address: int, i: int, words: list[int], p: int = 0, clock: int | None = None, stands: bool = False) -> None:
+            q = instances[i]
+            rows.append((address, p, state[i], len(A), q.clock if clock is None else clock, q.autonomous, stands, 0))
+            A.extend(words)
+
         def arg(i: int, clock: int) -> int:
             """Slot of an argument; a parameter is first gathered onto a child clock."""
             q = instances[i]
             if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
                 return place(i)
             if (i, clock) not in slot:
-                rows.append((machine.GATHER, 0, 0, len(A), clock, 1))
-                A.extend([place(i), place((i, clock))])
+                row(machine.GATHER, i, [place(i), place((i, clock))], clock=clock, stands=True)
             return slot[i, clock]
 
+        def parameters(words: np.ndarray, payload: list[np.ndarray]) -> int:
+            nonlocal p_at
+            P.extend([words, *payload])
+            p_at += words.size + sum(v.size for v in payload)
+            return p_at - words.size - sum(v.size for v in payload)
+
         for i, q in enumerate(instances):
-            if q.kind == "input":
-                continue
             if q.kind == "const":
                 constants.append((place(i), q.block.value))  # type: ignore[attr-defined]
-            elif q.kind == "open":
-                w = [arg(q.args[0], q.clock), q.child]
-                rows.append((machine.OPEN, 0, 0, len(A), q.clock, q.autonomous))
-                A.extend(w)
+        for together in _order(program, design):
+            i = together[0]
+            q = instances[i]
+            cls = type(q.block)
+            if q.kind == "open":
+                row(machine.OPEN, i, [arg(q.args[0], q.clock), q.child])
             elif q.kind == "close":
-                w = [arg(q.args[1], q.child), place(i), q.child]
-                rows.append((machine.CLOSE, 0, 0, len(A), q.clock, q.autonomous))
-                A.extend(w)
+                row(machine.CLOSE, i, [arg(q.args[1], q.child), place(i), q.child])
+            elif cls in lanes.OPERATIONS:
+                words = [arg(a, q.clock) for a in q.args]
+                row(machine.OPERATION + lanes.OPERATIONS.index(cls), i, [*words, place(i)], stands=still[i])
             else:
                 p, s = design[i]
-                b = q.block
-                cls = type(b)
                 f = cls.tile or cls.step
                 assert f is not None, f"{cls.__name__} has neither step nor tile"
-                inputs = [arg(a, q.clock) for a in q.args]
-                contact = [inputs.pop()] if cls.resettable else []
-                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), len(inputs))
-                self.segments[i] = segment.__name__
-                w = [*inputs, place(i)]
-                sizes = [v.size for v in s if isinstance(v, np.ndarray)]
-                if b.work:
-                    sizes.append(b.work(p))
-                    scratch = max(scratch, sizes[-1])
-                    work_slots.append(len(A) + len(contact) * 5 + len(w))
-                    w.append(-1)
-                words, payload = _parameter_words(p, sizes)
-                address = segment._sl_segment.address
-                if contact:
+                contact = instances[q.args[-1]] if cls.resettable else None
+                resets = contact is not None and not _always(contact)
+                count = len(q.args) - cls.resettable
+                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), count, len(together))
+                address, words, at = segment._sl_segment.address, [], []
+                for k in together:
+                    self.segments[k] = segment.__name__
+                    p, s = design[k]
+                    sizes = [v.size for v in s if isinstance(v, np.ndarray)]
+                    words += [*(arg(a, q.clock) for a in instances[k].args[:count]), place(k)]
+                    if q.block.work:
+                        sizes.append(q.block.work(p))
+                        scratch = max(scratch, sizes[-1])
+                    numbers, payload = _parameter_words(p, sizes)
+                    at.append(parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])]))
+                words += [w for k, p_of in zip(together[1:], at[1:], strict=True) for w in (p_of - at[0], state[k] - state[i])]
+                if resets:
                     rest = pack(at_rest(s))
-                    w = [*contact, place(i), words.size + sum(v.size for v in payload), rest.size, address, *w]
+                    words = [arg(q.args[-1], q.clock), place(i), p_at - at[0] - rest.size, rest.size, address, *words]
                     address = machine.RESETTABLE
-                    payload.append(rest)
-                rows.append((address, p_at, state_at, len(A), q.clock, q.autonomous))
-                A.extend(w)
-                P += [words, *payload]
-                p_at += words.size + sum(v.size for v in payload)
-                if i in program.params.values():
-                    self._place[i] = state_at
-                state_at += pack(s).size
+                if q.block.work:
+                    work_slots.append(len(A) + len(words))
+                    words.append(-1)
+                row(address, i, words, at[0], stands=still[i])
         outs_at = len(A)
         A += [slot[o] for o in program.outputs.values()]
         for j in work_slots:
             A[j] = len(slot) * TILE
-        self.table = np.array(rows, np.int64).reshape(-1, 6)
+        self.table = np.array(rows, np.int64).reshape(-1, 8)
         self.P = np.concatenate([np.zeros(0, np.uint64), *P]) if P else np.zeros(1, np.uint64)
         self.A = np.array(A, np.int64)
         self._param = {i: j for j, i in enumerate(program.params.values())}
-        self.size = state_at
+        self.size = state[-1]
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
         self._constants = constants
         self._outs_at, self._clocks = outs_at, clocks
@@ -278,7 +311,7 @@ class Engine:
     def _allot(self) -> None:
         """Memory of one run, in whole lines of the cache: threads that run copies write into no line of each other."""
         machine, params = runtime(), len(self._param)
-        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 17
+        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 18
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
@@ -353,6 +386,7 @@ class Engine:
     @words.setter
     def words(self, w: np.ndarray) -> None:
         self.pending[:, 0] = 0
+        self.ctx[17] = 0  # parameters may have moved
         self.S[: self.size] = w
 
 
@@ -385,6 +419,76 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
         engine.S[0], engine.S[1] = key, 0  # see WhiteState
         engine.process(np.empty((0, n)), y)
     return y[0]
+
+
+def _always(q: Instance) -> bool:
+    """Whether a contact is a number above 0."""
+    return q.kind == "const" and q.block.value > 0.0  # type: ignore[attr-defined]
+
+
+def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
+    """What is one number as long as no parameter moves: those, and maps of them."""
+    still: list[bool] = []
+    for q, (_, s) in zip(program.instances, design, strict=True):
+        of_them = q.kind == "block" and not s and bool(q.args) and all(still[a] for a in q.args)
+        still.append(q.kind == "const" or isinstance(q.block, Param) or (of_them and isinstance(q.block, Map)))
+    return still
+
+
+NEAR = 16
+"""So many blocks at most run earlier than written, for two recursions to stand side by side."""
+
+
+def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
+    """Instances in running order; two of one class that step along one clock run in one loop, each in the other's latency."""
+    instances = program.instances
+    opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
+    done = [q.kind in ("const", "input") for q in instances]
+    alike: dict[Any, list[int]] = {}
+    for i in reversed(range(len(instances))):
+        if key := _recursion(program, design, i):
+            alike.setdefault(key, []).append(i)
+
+    def before(j: int) -> list[int] | None:
+        """What must run before an instance and has not; None if that is much."""
+        found: set[int] = set()
+        todo = [j]
+        while todo and len(found) <= NEAR:
+            q = instances[todo.pop()]
+            need = [a for a in (*q.args, *((opened[q.clock],) if q.clock > ROOT else ())) if not done[a] and a not in found]
+            found.update(need)
+            todo += need
+        return None if todo else sorted(found)
+
+    order: list[tuple[int, ...]] = []
+    for i in range(len(instances)):
+        if done[i]:
+            continue
+        group: tuple[int, ...] = (i,)
+        if key := _recursion(program, design, i):
+            others = alike[key]
+            while others and (done[others[-1]] or others[-1] <= i):
+                others.pop()
+            first = before(others[-1]) if others else None
+            if first is not None and i not in first:
+                order += [(k,) for k in first]
+                group = (i, others.pop())
+                for k in first:
+                    done[k] = True
+        for k in group:
+            done[k] = True
+        order.append(group)
+    return order
+
+
+def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
+    """What two instances have in common that can step side by side; None where one cannot."""
+    q, (p, s) = program.instances[i], design[i]
+    cls = type(q.block)
+    alone = q.kind != "block" or cls.tile or not s or any(isinstance(v, np.ndarray) for v in s)
+    if alone or (cls.resettable and not _always(program.instances[q.args[-1]])):
+        return None
+    return cls, type(p), _kinds(p), type(s), _kinds(s), q.clock, q.autonomous
 
 
 def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:

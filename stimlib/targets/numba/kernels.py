@@ -102,6 +102,31 @@ def loop(b, start, stop, step):
     return cgutils.for_range_slice(b, start, stop, I64(step), I64)
 
 
+def cases(b, number, cases):
+    """Run one of the bodies, {number: body}."""
+    done = b.append_basic_block("done")
+    choice = b.switch(number, done)
+    for k, body in cases.items():
+        block = b.append_basic_block(f"case{k}")
+        choice.add_case(I64(k), block)
+        b.position_at_end(block)
+        body()
+        b.branch(done)
+    b.position_at_end(done)
+
+
+@intrinsic
+def whole_tile(ctx, to, source):
+    """Copy 64 numbers."""
+
+    def code(c, b, sig, v):
+        for k in range(0, 64, 8):
+            store(b, load(b, v[1], k), v[0], k)
+        return c.get_dummy_value()
+
+    return types.void(F8, F8), code
+
+
 # Taps ----------------------------------------------------------------------------------------------------------------
 VECTORS = (8, 4, 2, 1) if _has("avx512f") else (4, 2, 1) if _has("avx") else (2, 1)
 """Of outputs, that stay in registers: the most that leave room for the samples under the taps."""
@@ -174,19 +199,6 @@ def _pass(b, x, w, n, first, update, groups, r, states):
             store(b, b.load(v), p, 8 * g)
 
 
-def _cases(b, number, cases):
-    """Run one of the bodies, {number: body}."""
-    done = b.append_basic_block("done")
-    choice = b.switch(number, done)
-    for k, body in cases.items():
-        block = b.append_basic_block(f"case{k}")
-        choice.add_case(I64(k), block)
-        b.position_at_end(block)
-        body()
-        b.branch(done)
-    b.position_at_end(done)
-
-
 @intrinsic
 def poles(ctx, p, r, q, x, w, n, groups, first):
     """1 to 4 groups of q = fma(p, q, x + TINY)."""
@@ -198,7 +210,7 @@ def poles(ctx, p, r, q, x, w, n, groups, first):
             at = [load(b, p, 8 * g) for g in range(count)]
             _pass(b, x, w, n, first, lambda g, drive, old: [known(b, "fma", at[g], old, drive)], count, r, lambda g: [q])
 
-        _cases(b, groups, {k: lambda k=k: body(k) for k in range(1, 5)})
+        cases(b, groups, {k: lambda k=k: body(k) for k in range(1, 5)})
         return c.get_dummy_value()
 
     return types.void(F8, F8, F8, F8, F8, i8, i8, types.boolean), code
@@ -226,7 +238,7 @@ def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
 
         every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
         number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
-        _cases(b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in every})
+        cases(b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in every})
         return c.get_dummy_value()
 
     return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean), code

@@ -16,9 +16,13 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from ...blocks import maps
 from ...core import maths
+from ...core.graph import Abs, Add, AtLeast, Block, Div, Equal, Greater, Mul, Neg, NotEqual, Sub, signals
+from ...core.steps import used
 from . import kernels, native
-from .kernels import DOUBLE, F8, I64, known, load, loop, shuffle, splat, store
+from .kernels import DOUBLE, F8, I64, cases, known, load, loop, shuffle, splat, store
+from .native import I8
 
 WIDTHS = 16, 2
 """Sixteen hide the latency of the operations; two are quickest where a sink asks for a sample or two."""
@@ -124,30 +128,58 @@ def twin(v: Any) -> Any:
 @cache
 def bind(f: python.FunctionType) -> Callable | None:
     """A step or helper as a function of stand-ins; None where it uses what has no twin."""
-    names = f.__code__.co_names
-    scope = {name: twin(f.__globals__[name]) for name in names if name in f.__globals__}
-    if NAMESPACE in scope.values() and any(hasattr(maths, name) and not hasattr(NAMESPACE, name) for name in names):
+    scope = {name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__}
+    of_maths = [name for name in f.__code__.co_names if hasattr(maths, name)] if NAMESPACE in scope.values() else []
+    if not all(hasattr(NAMESPACE, name) for name in of_maths):
         return None
     if None in scope.values() or f.__closure__:
         return None
     return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope})
 
 
+def _steps(b, step, p, x, y, n):
+    """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
+    with loop(b, I64(0), n, 8) as (i, _):
+        samples = [Lanes(b, load(b, q, i)) for q in x]
+        store(b, samples[0].like(step(p, (), *samples)[0]), y, i)
+
+
 @intrinsic
 def each(ctx, f, p, x, y, n):
-    """y[i] = f(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
+    """A step without state, compiled: p a NamedTuple of numbers or (), x a tuple of pointers."""
 
     def code(c, b, sig, v):
         _, p, x, y, n = v
         values = [splat(b, b.extract_value(p, k)) for k in range(len(sig.args[1]))]
         numbers = sig.args[1].instance_class(*(Lanes(b, q) for q in values)) if values else ()
-        step = twin(f.dispatcher)
-        with loop(b, I64(0), n, 8) as (i, _):
-            samples = [Lanes(b, load(b, b.extract_value(x, k), i)) for k in range(len(sig.args[2]))]
-            store(b, samples[0].like(step(numbers, (), *samples)[0]), y, i)
+        _steps(b, twin(f.dispatcher), numbers, [b.extract_value(x, k) for k in range(len(sig.args[2]))], y, n)
         return c.get_dummy_value()
 
     return types.void(f, p, x, y, types.int64), code
+
+
+OPERATIONS: tuple[type[Block], ...] = (
+    Add, Sub, Mul, Div, Neg, Abs, Greater, AtLeast, Equal, NotEqual, maps.Where, maps.Maximum, maps.Minimum, maps.Sqrt,
+    maps.Nonzero,
+)  # fmt: skip
+"""Blocks that are one operation: the runtime does these itself, without a call."""
+
+
+@intrinsic
+def operation(ctx, number, W, A, n):
+    """Row of an operation: A has the slots of its inputs and that of its output."""
+
+    def code(c, b, sig, v):
+        number, W, A, n = v
+
+        def body(cls):
+            *x, y = (b.gep(W, [b.load(b.gep(A, [I64(k)]))]) for k in range(len(signals(cls)) + 1))
+            _steps(b, bind(cls.step), (), x, y, n)
+
+        cases(b, number, {k: lambda cls=cls: body(cls) for k, cls in enumerate(OPERATIONS)})
+        return c.get_dummy_value()
+
+    return types.void(types.int64, F8, I8, types.int64), code
 
 
 @intrinsic

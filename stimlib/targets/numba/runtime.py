@@ -5,16 +5,17 @@ Its text is compiled from the cache, named by content, like a segment's.
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.numba import kernels
+from stimlib.targets.numba import kernels, lanes
 from stimlib.targets.numba.native import F8, FIR, I8, MEMORY, MODES, address, as_i8, at, call, data, f8_at, i8_at, move, run
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
-#      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen
-# row: address or opcode, P, S, A, clock, autonomous
-OPEN, CLOSE, GATHER, RESETTABLE = 1, 2, 3, 4
+#      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17 whether still rows have been run
+# row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no parameter moves), -
+OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
 
 
 MOST = kernels.MOST
+_whole_tile, _operation = kernels.whole_tile, lanes.operation
 _fir, _poles, _leaks, _total, _total_of_modes = kernels.fir, kernels.poles, kernels.leaks, kernels.total, kernels.total_of_modes
 
 
@@ -55,7 +56,12 @@ def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
     for i in range(k):
         n += by[i] > 0.0
     N[w[1]] = n
-    if n > 0:
+    if n == k:
+        for i in range(k):
+            down[i] = i
+        for i in range(k):
+            down[64 + i] = i if root else up[i]
+    elif n > 0:
         n = 0
         for i in range(k):
             if by[i] > 0.0:
@@ -83,6 +89,23 @@ def stretches(P, S, W, w, k):  # w = (contact, output, state at rest in P, its w
             start = i + 1
 
 
+@njit(error_model="numpy", inline="always")
+def move_tile(to, source, n):
+    if n == 64:
+        _whole_tile(to, source)
+    else:
+        move(to, source, n)
+
+
+@njit(error_model="numpy", inline="always")
+def standing(S, pending, params):
+    """Whether no parameter moves."""
+    for j in range(params):
+        if at(S, at(pending, 4 * j)[1])[2] > 0.0:  # see graph.ParamState
+            return False
+    return True
+
+
 @cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
 def entry(ctx, x, y, n):
     rows, table, P, S, W, A = ctx[0], i8_at(ctx[1]), f8_at(ctx[2]), f8_at(ctx[3]), f8_at(ctx[4]), i8_at(ctx[5])
@@ -94,6 +117,7 @@ def entry(ctx, x, y, n):
             s = as_i8(at(S, q[1]))
             s[1], s[2] = q[2], q[3]
             q[0] = 0
+            ctx[17] = 0
     for start in range(0, n, 64):
         m = min(64, n - start)
         for c in range(clocks):
@@ -102,40 +126,48 @@ def entry(ctx, x, y, n):
         if warm < 0:
             N[1] = m
             for j in range(n_in):
-                move(at(W, 64 * j), at(x, j * n + start), m)
+                move_tile(at(W, 64 * j), at(x, j * n + start), m)
         else:
             N[warm] = m
             for i in range(m):
                 index[warm * 128 + 64 + i] = i
-        for r in range(rows):
-            q = at(table, 6 * r)
-            c = q[4]
-            k = N[c]
-            if k == 0 or (warm >= 0 and q[5] == 0):
-                continue
-            w = at(A, q[3])
-            if q[0] > 16:
-                call(q[0], at(P, q[1]), at(S, q[2]), W, w, k)
-            elif q[0] == RESETTABLE:
-                stretches(at(P, q[1]), at(S, q[2]), W, w, k)
-            elif q[0] == OPEN:
-                open_clock(W, w, at(index, c * 128 + 64), c == 1, at(index, w[1] * 128), N, k)
-            elif q[0] == CLOSE:  # w = (inner, out, child)
-                inner, out, place = at(W, w[0]), at(W, w[1]), at(index, w[2] * 128)
-                if N[w[2]] == k:
-                    move(out, inner, k)
-                else:
+        for turn in range(1 if ctx[17] != 0 or not standing(S, pending, ctx[14]) else 0, 2):  # 0: still rows, for good
+            for r in range(rows):
+                q = at(table, 8 * r)
+                c = q[4]
+                k = N[c] if turn == 1 else 64
+                if turn == 0:
+                    if q[6] == 0:
+                        continue
+                elif k == 0 or (warm >= 0 and q[5] == 0) or (q[6] != 0 and ctx[17] != 0):
+                    continue
+                w = at(A, q[3])
+                if q[0] >= SEGMENT:
+                    call(q[0], at(P, q[1]), at(S, q[2]), W, w, k)
+                elif q[0] >= OPERATION:
+                    _operation(q[0] - OPERATION, W, w, k)
+                elif q[0] == RESETTABLE:
+                    stretches(at(P, q[1]), at(S, q[2]), W, w, k)
+                elif q[0] == OPEN:
+                    open_clock(W, w, at(index, c * 128 + 64), c == 1, at(index, w[1] * 128), N, k)
+                elif q[0] == CLOSE:  # w = (inner, out, child)
+                    inner, out, place = at(W, w[0]), at(W, w[1]), at(index, w[2] * 128)
+                    if N[w[2]] == k:
+                        move_tile(out, inner, k)
+                    else:
+                        for i in range(k):
+                            out[i] = 0.0
+                        for i in range(N[w[2]]):
+                            out[place[i]] = inner[i]
+                else:  # GATHER a parameter onto a child clock: w = (from, to)
+                    source, to, place = at(W, w[0]), at(W, w[1]), at(index, c * 128 + 64)
                     for i in range(k):
-                        out[i] = 0.0
-                    for i in range(N[w[2]]):
-                        out[place[i]] = inner[i]
-            else:  # GATHER a parameter onto a child clock: w = (from, to)
-                source, to, place = at(W, w[0]), at(W, w[1]), at(index, c * 128 + 64)
-                for i in range(k):
-                    to[i] = source[place[i]]
+                        to[i] = source[place[i]]
+            if turn == 0:
+                ctx[17] = 1
         if warm < 0:
             for j in range(n_out):
-                move(at(y, j * n + start), at(W, outs[j]), m)
+                move_tile(at(y, j * n + start), at(W, outs[j]), m)
     if warm < 0:
         ctx[15] += n
 
