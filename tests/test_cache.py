@@ -85,7 +85,7 @@ def test_processes_that_start_at_once_share_one_empty_folder(small, wanted, tmp_
 
 def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
     cache = shutil.copytree(wanted[1], tmp_path / "cache")
-    (lost,) = cache.glob("Mul_*")
+    (lost,) = cache.glob("Guard_*")
     shutil.rmtree(lost)
     small.write_text(
         "import logging; logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')" + SMALL

@@ -280,5 +280,7 @@ def kelvin_voigt(x: Block, k, b, cutoff: float = 100.0) -> Block:
 def step_peak(cutoff: float, fs: float) -> float:
     """Largest velocity that a step of 1 in position makes: max of fs g^2 (n+1) (1-g)^n, in 1/s."""
     g = pole_gain(cutoff, fs)
-    n = np.arange(max(2, math.ceil(4 / g)))
+    if g < 1e-9:
+        return fs * g / math.e
+    n = np.arange(4096) + max(0, int(1 / g) - 2048)  # it is at (n+1) g = 1, nearly
     return float(fs * g * g * np.max((n + 1) * (1 - g) ** n))

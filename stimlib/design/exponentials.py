@@ -31,6 +31,7 @@ from ..errors import BadValue
 SCHEMES = ("gl", "l1")
 DIRECT = 8  # weights v_0 .. v_7 are direct taps
 SMALLEST_TOL = 1e-14
+LONGEST = 2.0**62  # samples of a run, as of a processor
 ROUNDING = 32 * 2.0**-53  # of some twenty operations on numbers of one sign
 DEGREE = 24  # of the polynomials in alpha that stand for weights without a closed form of few operations
 
@@ -136,7 +137,7 @@ def rates(tol: float, samples: float) -> Rates:
     Raises
     ------
     BadValue
-        A tol outside its range.
+        A tol outside its range; more samples than a run can have.
 
     Examples
     --------
@@ -148,6 +149,10 @@ def rates(tol: float, samples: float) -> Rates:
         raise BadValue(
             f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, which is what numbers of 53 bits allow, to 0.1; "
             f"use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
+        )
+    if not samples <= LONGEST:
+        raise BadValue(
+            f"springpot: a horizon of {samples:g} samples is longer than any run can be; at most {LONGEST:g} are possible"
         )
     samples = max(float(samples), 64.0)
     share = tol / 16

@@ -37,11 +37,11 @@ def white(key, start, n):
     return np.stack([radius * np.cos(2 * np.pi * turns), radius * np.sin(2 * np.pi * turns)], axis=1).ravel()[:n]
 
 
-def witness(x, fs, stream, k, A, e, r, d, q, taps, on, off, cutoff=100.0, seed=0, run=0, lead=256):
+def witness(x, fs, stream, k, A, poles, r, d, q, taps, on, off, cutoff=100.0, seed=0, run=0, lead=256):
     """F = k x + A (k tau v)(tau dp/dt) while v, from two poles, is loading; noise runs on the loading samples only."""
     c = philox([seed & 0xFFFFFFFF, seed >> 32, stream, 0], [run & 0xFFFFFFFF, run >> 32])
     n = white(int(c[0]), -lead, lead + x.size)
-    p = d * n + sum(rk * lfilter([1], [1, ek - 1], n, zi=[(1 - ek) * qk])[0] for ek, rk, qk in zip(e, r, q, strict=True))
+    p = d * n + sum(rk * lfilter([1], [1, -pk], n, zi=[pk * qk])[0] for pk, rk, qk in zip(poles, r, q, strict=True))
     dp = np.convolve(p, taps)[lead : lead + x.size]
     pole = np.exp(-2 * np.pi * cutoff / fs)
     v = np.diff(x, prepend=x[0]) * fs
@@ -63,7 +63,7 @@ def data_of(proc, finger):
     for q, (p, s) in zip(proc.program.instances, proc.design, strict=True):
         if isinstance(q.block, PinkNoise) and q.kind == "block" and q.block.white.stream == finger:
             used = p.r != 0
-            of |= {"e": p.e[used], "r": p.r[used], "d": p.d, "q": q.block.start(p, s, proc.seed).q[used]}
+            of |= {"poles": p.p[used], "r": p.r[used], "d": p.d, "q": q.block.start(p, s, proc.seed).q[used]}
         if isinstance(q.block, Differentiator):
             of["taps"] = p.taps[::-1][: int(p.order) + 1]
         if isinstance(q.block, Loading):

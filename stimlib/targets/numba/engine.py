@@ -305,7 +305,6 @@ class Engine:
         self._constants = constants
         self._outs_at, self._clocks = outs_at, clocks
         self._buffers = len(slot) * TILE + scratch + TILE  # a stretch may begin late in its tile
-        self.runner = machine.process
         self._allot()
 
     def _allot(self) -> None:
@@ -330,6 +329,8 @@ class Engine:
             self.pending.ctypes.data, params, 0, machine.entry.address,
         ]  # fmt: skip
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
+        self.process: Callable[[np.ndarray, np.ndarray], int] = partial(machine.process, self.address[1])
+        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
 
     def copy(self) -> Engine:
         """Another run of the same program: with memory of its own, all tables shared."""
@@ -347,10 +348,6 @@ class Engine:
     def start(block: Block, p: Any, s: Any, seed: int) -> Any:
         """The first state of a block in a run with this seed: that of the block, drawn from compiled noise."""
         return block.start(p, s, seed, normals) if isinstance(block, PinkNoise) else block.start(p, s, seed)
-
-    def process(self, x: np.ndarray, out: np.ndarray) -> int:
-        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
-        return self.runner(self.ctx, x, out)
 
     def warm(self, clock: int, n: int) -> None:
         """Run only what is autonomous, for n samples of one clock."""

@@ -18,7 +18,7 @@ from stimlib.core.maths import SILENT, TINY
 I64, I32, DOUBLE = ir.IntType(64), ir.IntType(32), ir.DoubleType()
 V8 = ir.VectorType(DOUBLE, 8)
 F8, i8, f8 = types.CPointer(types.float64), types.int64, types.float64
-MOST = 6  # groups of eight modes of each kind in one pass
+MOST = 5  # groups of eight modes of each kind in one pass
 
 
 def features() -> str:
