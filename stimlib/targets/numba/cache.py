@@ -104,7 +104,7 @@ def _temporary(wanted: Path, why: OSError) -> None:
 def _salt() -> str:
     runtime = Path(__file__).with_name("runtime.py").read_text()
     config: Any = numba.config
-    host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.features()
+    host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.FEATURES
     flags = numba.__version__, llvmlite.__version__, sys.version_info[:2], config.BOUNDSCHECK, config.OPT, *host
     operations = "".join(source(cls.step) for cls in lanes.OPERATIONS if cls.step)
     return "".join(map(inspect.getsource, (kernels, lanes, native, maths))) + runtime + operations + repr(flags)

@@ -6,6 +6,9 @@ takes several.  Every partial sum is kept apart as ``maths`` defines it: the bit
 
 from __future__ import annotations
 
+import os
+from typing import Any
+
 import llvmlite.binding
 import numba
 from llvmlite import ir
@@ -14,6 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from stimlib.core.maths import SILENT, TINY
+from stimlib.errors import BadValue
 
 I64, I32, DOUBLE = ir.IntType(64), ir.IntType(32), ir.DoubleType()
 V8 = ir.VectorType(DOUBLE, 8)
@@ -21,13 +25,23 @@ F8, i8, f8 = types.CPointer(types.float64), types.int64, types.float64
 MOST = 5  # groups of eight modes of each kind in one pass
 
 
+WIDER = {512: (), 256: ("avx512",), 128: ("avx", "fma", "f16c", "vaes", "vpclmulqdq")}
+"""Features, by the beginning of their names, that programs of at most so many bits a vector do without."""
+
+
 def features() -> str:
-    """What the processor has, or what numba was told to build for (NUMBA_CPU_FEATURES)."""
-    return numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()  # type: ignore[attr-defined]
+    """What programs are built for: what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out."""
+    config: Any = numba.config
+    have = config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
+    bits = os.environ.get("STIMLIB_VECTOR_BITS", "512")
+    if bits not in map(str, WIDER):
+        raise BadValue(f"STIMLIB_VECTOR_BITS = {bits:.20}: choose one of {', '.join(map(str, WIDER))}")
+    return ",".join("-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have.split(","))
 
 
-def _has(feature: str) -> bool:
-    return f"+{feature}" in features().split(",")
+FEATURES = features().split(",")
+if "STIMLIB_VECTOR_BITS" in os.environ:
+    numba.config.CPU_FEATURES = ",".join(FEATURES)  # type: ignore[attr-defined]  # before numba builds anything
 
 
 # Eight numbers -------------------------------------------------------------------------------------------------------
@@ -128,7 +142,7 @@ def whole_tile(ctx, to, source):
 
 
 # Taps ----------------------------------------------------------------------------------------------------------------
-VECTORS = (8, 4, 2, 1) if _has("avx512f") else (4, 2, 1) if _has("avx") else (2, 1)
+VECTORS = (8, 4, 2, 1) if "+avx512f" in FEATURES else (4, 2, 1) if "+avx" in FEATURES else (2, 1)
 """Of outputs, that stay in registers: the most that leave room for the samples under the taps."""
 
 
