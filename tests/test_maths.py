@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 import mpmath
 import numpy as np
@@ -127,6 +128,7 @@ def test_every_name_of_maths_is_tested_here():
     tested = {
         *UNARY,
         "pairs",
+        "each",
         "fma",
         "where",
         "as_float",
@@ -142,7 +144,9 @@ def test_every_name_of_maths_is_tested_here():
     }
     written = {n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"}
     assert written == tested
-    assert all(hasattr(lanes if n == "pairs" else native, n) for n in tested - {"tree"}), "each has a compiled counterpart"
+    assert all(hasattr(lanes if n in ("pairs", "each") else native, n) for n in tested - {"tree"}), (
+        "each has a compiled counterpart"
+    )
 
 
 @pytest.mark.parametrize("name", UNARY)
@@ -264,6 +268,37 @@ def test_pairs():
         maths.pairs(same, key, first, z)
         assert_same(room[:n], z, f"{n}")
         assert (room[-(-n // 4) * 4 :] == 7.0).all()
+
+
+class Line(NamedTuple):
+    a: float
+    b: float
+
+
+@njit(error_model="numpy", inline="always")
+def compiled_line(q, x, z):
+    return native.where(x > 0.0, native.fma(q.a, x, q.b) / z, native.floor(x) - z)
+
+
+def line(q, x, z):
+    return maths.where(x > 0.0, maths.fma(q.a, x, q.b) / z, maths.floor(x) - z)
+
+
+@njit(error_model="numpy")
+def compiled_lines(q, x, z, y):
+    lanes.each(compiled_line, q, (x, z[1:]), y)
+
+
+def test_each():
+    """Any number of samples, and nothing written beyond them."""
+    rng = np.random.default_rng(0)
+    for n in [1, 2, 7, 8, 9, 15, 16, 17, 63, 64]:
+        x, z, q = rng.standard_normal(n) * 1e3, rng.standard_normal(n + 1), Line(*rng.standard_normal(2))
+        x[n // 2], room, y = np.nan, np.full(80, 7.0), np.empty(n)
+        compiled_lines(q, x, z, room[:n])
+        maths.each(line, q, (x, z[1:]), y)
+        assert_same(room[:n], y, f"{n}")
+        assert (room[n:] == 7.0).all()
 
 
 def test_tree_is_the_written_order():

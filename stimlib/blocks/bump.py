@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, Const, Param, as_block
-from ..core.maths import floor, fma, where
+from ..core.maths import each, floor, fma, where
 from ..errors import BadValue, UnitError
 
 U, INT = np.uint64, np.int64
@@ -149,23 +149,48 @@ class LinearParams(NamedTuple):
     whole: float
 
 
-def linear_mean(p, a, b):
+class LinearShape(NamedTuple):
+    d: float
+    r: float  # 1/d
+    start: float
+    slope: float
+    whole: float  # mean over a ridge
+
+
+def linear_shape(p, duty):
+    """Numbers that depend on the duty alone."""
+    d = held_duty(duty)
+    return LinearShape(d, 1.0 / d, p.start, p.slope, p.whole)
+
+
+def linear_mean(q, a, b):
     """A straight line's mean is its value in the middle."""
-    return fma(p.slope, 0.5 * (a + b), p.start)
+    return fma(q.slope, 0.5 * (a + b), q.start)
 
 
-def linear(p, d, r, k0, w0, k1, w1, du):
+def linear(q, k0, w0, k1, w1, u0, u):
     """The mean over a movement."""
-    a, b = on_ridge(w0, d, r), on_ridge(w1, d, r)
-    return average(k0, w0, k1, w1, du, d, a, b, linear_mean(p, a, b), p.whole)
+    a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
+    return average(k0, w0, k1, w1, u - u0, q.d, a, b, linear_mean(q, a, b), q.whole)
 
 
 def linear_sample(p, last, cold, u, duty):
     """One sample, whatever happens."""
-    u0, d = began(p, last, cold, u), held_duty(duty)
+    u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
-    return linear(p, d, 1.0 / d, k0, w0, k1, w1, u - u0)
+    return linear(linear_shape(p, duty), k0, w0, k1, w1, u0, u)
+
+
+def linear_point(q, w, u):
+    """The envelope at a place."""
+    e = where(w < q.d, bounded(linear_mean(q, w * q.r, w * q.r)), 0.0 * q.d)
+    return where(u - u == 0.0, e, u - u)
+
+
+def linear_inside(q, w0, w1):
+    """The mean over a movement on one ridge."""
+    return bounded(linear_mean(q, w0 * q.r, w1 * q.r))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,25 +220,19 @@ class LinearBump(Bump):
             for i in range(n):
                 out[i] = linear_sample(p, before[i], 0.0, v[i], now[i])
         else:
-            d = held_duty(duty[0])
-            r, first = 1.0 / d, began(p, s.last, s.cold, u[0])
+            q, first = linear_shape(p, duty[0]), began(p, s.last, s.cold, u[0])
             k, z = w[:65], w[65:]
-            together = cells(first, u, d, k, z)
+            together = cells(first, u, q.d, k, z)
             k1, z1 = k[1:], z[1:]
-            if together == all_of and z[0] >= d:
+            if together == all_of and z[0] >= q.d:
                 y[:] = 0.0
             elif p.area == 0.0:
-                for i in range(y.size):
-                    e = where(z1[i] < d, bounded(linear_mean(p, z1[i] * r, z1[i] * r)), 0.0 * d)
-                    y[i] = where(u[i] - u[i] == 0.0, e, u[i] - u[i])
+                each(linear_point, q, (z1, u), y)
             elif together == all_of:
-                for i in range(y.size):
-                    y[i] = bounded(linear_mean(p, z[i] * r, z1[i] * r))
+                each(linear_inside, q, (z, z1), y)
             else:
-                y[0] = linear(p, d, r, k[0], z[0], k[1], z[1], u[0] - first)
-                k2, z2 = k[2:], z[2:]
-                for i in range(n):
-                    out[i] = linear(p, d, r, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
+                y[0] = linear(q, k[0], z[0], k[1], z[1], first, u[0])
+                each(linear, q, (k1, z1, k[2:], z[2:], before, v), out)
         return BumpState(u[n], 0.0)
 
 
@@ -251,10 +270,21 @@ def sine_mean(q, a, b):
     return fma(-gap(q.k * (b - a)), fma(0.5, q.h, e - 1.0), e)
 
 
-def sine(q, k0, w0, k1, w1, du):
+def sine(q, k0, w0, k1, w1, u0, u):
     """The mean over a movement."""
     a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
-    return average(k0, w0, k1, w1, du, q.d, a, b, sine_mean(q, a, b), q.whole)
+    return average(k0, w0, k1, w1, u - u0, q.d, a, b, sine_mean(q, a, b), q.whole)
+
+
+def sine_point(q, w, u):
+    """The envelope at a place."""
+    e = where(w < q.d, bounded(sine_top(q, on_ridge(w, q.d, q.r))), 0.0 * q.d)
+    return where(u - u == 0.0, e, u - u)
+
+
+def sine_inside(q, w0, w1):
+    """The mean over a movement on one ridge."""
+    return bounded(sine_mean(q, w0 * q.r, w1 * q.r))
 
 
 def sine_sample(p, last, cold, u, duty):
@@ -262,7 +292,7 @@ def sine_sample(p, last, cold, u, duty):
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
-    return sine(sine_shape(p, duty), k0, w0, k1, w1, u - u0)
+    return sine(sine_shape(p, duty), k0, w0, k1, w1, u0, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,17 +331,12 @@ class SineBump(Bump):
             if together == all_of and z[0] >= q.d:
                 y[:] = 0.0
             elif p.area == 0.0:
-                for i in range(y.size):
-                    e = where(z1[i] < q.d, bounded(sine_top(q, on_ridge(z1[i], q.d, q.r))), 0.0 * q.d)
-                    y[i] = where(u[i] - u[i] == 0.0, e, u[i] - u[i])
+                each(sine_point, q, (z1, u), y)
             elif together == all_of:
-                for i in range(y.size):
-                    y[i] = bounded(sine_mean(q, z[i] * q.r, z1[i] * q.r))
+                each(sine_inside, q, (z, z1), y)
             else:
-                y[0] = sine(q, k[0], z[0], k[1], z[1], u[0] - first)
-                k2, z2 = k[2:], z[2:]
-                for i in range(n):
-                    out[i] = sine(q, k1[i], z1[i], k2[i], z2[i], v[i] - before[i])
+                y[0] = sine(q, k[0], z[0], k[1], z[1], first, u[0])
+                each(sine, q, (k1, z1, k[2:], z[2:], before, v), out)
         return BumpState(u[n], 0.0)
 
 

@@ -103,6 +103,12 @@ def words(a):
     return a.view(np.uint64)
 
 
+def each(f, p, x, y):
+    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper: in compiled code, several at once."""
+    for i in range(y.size):
+        y[i] = f(p, *(v[i] for v in x))
+
+
 def pairs(f, key, first, z):
     """z[2 i], z[2 i + 1] = f(key, first + i); compiled code writes on to the next multiple of 4."""
     for i in range(0, z.size, 2):

@@ -122,7 +122,7 @@ def _segment(
         lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
     elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.bind(f):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
-        lines.append(f"_sl_lanes.each(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
+        lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
     else:
         lines.append("for i in range(n):")
         for c in blocks:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from ...blocks import maps
@@ -144,18 +145,54 @@ def _steps(b, step, p, x, y, n):
         store(b, samples[0].like(step(p, (), *samples)[0]), y, i)
 
 
+def _numbers(b, t, p):
+    """A NamedTuple of numbers, or ()."""
+    return t.instance_class(*(Lanes(b, splat(b, b.extract_value(p, k))) for k in range(len(t)))) if len(t) else ()
+
+
 @intrinsic
-def each(ctx, f, p, x, y, n):
-    """A step without state, compiled: p a NamedTuple of numbers or (), x a tuple of pointers."""
+def steps(ctx, f, p, x, y, n):
+    """A step without state along slots: p a NamedTuple of numbers or (), x a tuple of pointers."""
 
     def code(c, b, sig, v):
         _, p, x, y, n = v
-        values = [splat(b, b.extract_value(p, k)) for k in range(len(sig.args[1]))]
-        numbers = sig.args[1].instance_class(*(Lanes(b, q) for q in values)) if values else ()
+        numbers = _numbers(b, sig.args[1], p)
         _steps(b, twin(f.dispatcher), numbers, [b.extract_value(x, k) for k in range(len(sig.args[2]))], y, n)
         return c.get_dummy_value()
 
     return types.void(f, p, x, y, types.int64), code
+
+
+@intrinsic
+def _each(ctx, f, p, x, y):
+    def code(c, b, sig, v):
+        _, p, x, y = v
+        numbers, helper = _numbers(b, sig.args[1], p), twin(f.dispatcher)
+        x = [c.make_array(t)(c, b, b.extract_value(x, k)).data for k, t in enumerate(sig.args[2])]
+        y = c.make_array(sig.args[3])(c, b, y)
+        n = b.extract_value(y.shape, 0)
+        few = b.icmp_signed("<", n, I64(8))
+        room = [cgutils.alloca_once(b, DOUBLE, 8) for _ in (*x, y)]
+        with b.if_then(few):  # what is beyond the end belongs to others
+            for to, q in zip(room, x, strict=False):
+                store(b, kernels.zeros(kernels.V8), to)
+                cgutils.raw_memcpy(b, to, q, n, 8)
+        *x, out = (b.select(few, to, q) for to, q in zip(room, (*x, y.data), strict=True))
+        last = b.select(few, I64(0), b.sub(n, I64(8)))
+        with loop(b, I64(0), n, 8) as (i, _):
+            i = b.select(b.icmp_signed("<", i, last), i, last)  # the last eight may hold some that are there already
+            store(b, helper(numbers, *(Lanes(b, load(b, q, i)) for q in x)).v, out, i)
+        with b.if_then(few):
+            cgutils.raw_memcpy(b, y.data, out, n, 8)
+        return c.get_dummy_value()
+
+    return types.void(f, p, x, y), code
+
+
+@native.plain
+def each(f, p, x, y):
+    """maths.each."""
+    _each(f, p, x, y)  # type: ignore[call-arg]
 
 
 OPERATIONS: tuple[type[Block], ...] = (
