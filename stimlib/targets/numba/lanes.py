@@ -140,9 +140,17 @@ def bind(f: python.FunctionType) -> Callable | None:
 
 def _steps(b, step, p, x, y, n):
     """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
-    with loop(b, I64(0), n, 8) as (i, _):
+
+    def at(i):
         samples = [Lanes(b, load(b, q, i)) for q in x]
         store(b, samples[0].like(step(p, (), *samples)[0]), y, i)
+
+    with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
+        with whole:  # no loop, which would take as long as the work
+            for i in range(0, 64, 8):
+                at(i)
+        with part, loop(b, I64(0), n, 8) as (i, _):
+            at(i)
 
 
 def _numbers(b, t, p):
