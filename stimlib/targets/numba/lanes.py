@@ -15,6 +15,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from ...blocks import maps
@@ -171,11 +172,24 @@ def steps(ctx, f, p, x, y, n):
     return types.void(f, p, x, y, types.int64), code
 
 
+def _helper(f: Any) -> Callable:
+    """What each and pairs run; an error for the author where it cannot be."""
+    helper = twin(f.dispatcher)
+    if helper is None:
+        raise TypingError(
+            f"{f.dispatcher.py_func.__name__} uses what vectors do not have (only arithmetic, comparisons, abs, {', '.join(TWINS)} "
+            "and helpers like it can be used): write a loop over the samples instead"
+        )
+    return helper
+
+
 @intrinsic
 def _each(ctx, f, p, x, y):
+    helper = _helper(f)
+
     def code(c, b, sig, v):
         _, p, x, y = v
-        numbers, helper = _numbers(b, sig.args[1], p), twin(f.dispatcher)
+        numbers = _numbers(b, sig.args[1], p)
         x = [c.make_array(t)(c, b, b.extract_value(x, k)).data for k, t in enumerate(sig.args[2])]
         y = c.make_array(sig.args[3])(c, b, y)
         n = b.extract_value(y.shape, 0)
@@ -229,6 +243,8 @@ def operation(ctx, number, W, A, n):
 
 @intrinsic
 def _pairs(ctx, f, key, first, z, n):
+    helper = _helper(f)
+
     def code(c, b, sig, v):
         key, first, z, n = v[1:]
         whole = b.and_(n, I64(-2 * WIDTHS[0]))
@@ -236,7 +252,7 @@ def _pairs(ctx, f, key, first, z, n):
             steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
             with loop(b, start, stop, 2 * W) as (i, _):
                 m = b.add(splat(b, b.add(first, b.lshr(i, I64(1))), W), steps)
-                one, other = twin(f.dispatcher)(Lanes(b, splat(b, key, W)), Lanes(b, m))
+                one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
                 for k in range(0, W, min(4, W)):
                     both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
                     store(b, shuffle(b, one.v, other.v, both), z, b.add(i, I64(2 * k)))
