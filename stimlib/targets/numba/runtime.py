@@ -105,7 +105,7 @@ def entry(ctx, x, y, n):
 ARRAYS = types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C", readonly=True)
 
 
-@njit([types.int64(types.int64[::1], a, ARRAYS[0]) for a in ARRAYS], cache=True, error_model="numpy")
+@njit([types.int64(types.int64[::1], a, ARRAYS[0]) for a in ARRAYS], cache=True, nogil=True, error_model="numpy")
 def process(ctx, x, y):
     if x.shape[0] != ctx[6] or y.shape[0] != ctx[7] or x.shape[1] != y.shape[1]:
         return 1
