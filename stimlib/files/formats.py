@@ -96,9 +96,9 @@ def encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> t
         v = y / scales[:, None]
         if subtype == "PCM_24":
             codes = np.rint(v * 2.0**23)
-            limited = np.minimum(np.maximum(codes, -(2.0**23)), 2.0**23 - 1)
+            limited = np.clip(codes, -(2.0**23), 2.0**23 - 1)
             # libsndfile keeps the upper 24 of the 32 bits as they are
-            return interleaved(limited.astype(np.int32) << 8, np.int32), (limited != codes).sum(axis=1)
+            return interleaved(limited, np.int32) << 8, np.count_nonzero(limited != codes, axis=1)
         samples = interleaved(v, np.float32 if subtype == "FLOAT" else np.float64)
     if not np.isfinite(samples).all():
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
