@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import regular
+from ..core.beside import beside
 from ..errors import SinkError
 
 UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
@@ -88,15 +90,28 @@ class Draft:
             self._sound.close()
             _undate(self.raw.fileno())
             os.fsync(self.raw.fileno())
-            digest = sha256(self.raw)  # first: who changes the file after it was proven changes its hash
-            got, frames = hashlib.blake2b(), 0
-            with suppress(soundfile().SoundFileError), reading(self.raw) as f:
-                while frames <= self.frames and len(part := f.read(PIECE, dtype=self.type, always_2d=True)):
-                    got.update(np.ascontiguousarray(part).data)
-                    frames += len(part)
+            digest, got, frames, hashed = hashlib.sha256(), hashlib.blake2b(), 0, 0
+            with beside(digest.update) as give:
+
+                def hash_to(end: float) -> None:
+                    nonlocal hashed
+                    while hashed < end and (part := os.pread(self.raw.fileno(), 1 << 20, hashed)):
+                        give(part)
+                        hashed += len(part)
+
+                hash_to(1)  # always before it is read: who changes the file after it was proven changes its hash
+                with suppress(soundfile().SoundFileError), reading(self.raw) as f:
+                    most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
+                    while frames <= self.frames:
+                        hash_to(self.raw.tell() + most)
+                        if not len(samples := f.read(PIECE, dtype=self.type, always_2d=True)):
+                            break
+                        got.update(np.ascontiguousarray(samples).data)
+                        frames += len(samples)
+                hash_to(math.inf)
             if (frames, got.digest()) != (self.frames, self._put.digest()):
                 raise self._changed()
-        return digest
+        return digest.hexdigest()
 
     def _changed(self) -> SinkError:
         # libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent
