@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
+from _thread import start_new_thread
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+END: Any = object()
 
 
 @contextmanager
@@ -45,26 +46,52 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
     >>> squares, sums
     ([0, 1, 4], [0, 2, 4])
     """
-    due: deque[list[Future[Any]]] = deque()
+    # An interrupt may come at any moment, and must leave nothing locked that a thread waits for: so no locks, futures or pools.
+    queues: list[tuple[SimpleQueue[Any], SimpleQueue[Any]]] = [(SimpleQueue(), SimpleQueue()) for _ in stages]
+    threads: list[tuple[SimpleQueue[Any], SimpleQueue[Any]]] = []
+    given = taken = 0
+    left = False
 
-    def finish(left: int) -> None:
-        while len(due) > left:
-            for done in due[0]:
-                done.result()
-            due.popleft()
+    def work(stage: Callable[[T], Any], todo: SimpleQueue[Any], done: SimpleQueue[Any]) -> None:
+        while (item := todo.get()) is not END:
+            error = None
+            try:
+                if not left:
+                    stage(item)
+            except BaseException as e:
+                error = e
+            done.put(error)
+        done.put(END)
 
-    with ExitStack() as stack:
-        threads = [ThreadPoolExecutor(1, "stimlib-beside") for _ in stages]
-        for thread in threads:
-            stack.callback(thread.shutdown, cancel_futures=True)
+    def take(waiting: int) -> None:
+        nonlocal taken
+        while given - taken > waiting:
+            taken += 1
+            for _, done in queues:
+                if (error := done.get()) is not None:
+                    raise error
 
-        def give(item: T) -> None:
-            finish(room - 1)
-            due.append([thread.submit(stage, item) for thread, stage in zip(threads, stages, strict=True)])
+    def give(item: T) -> None:
+        nonlocal given
+        take(room - 1)
+        given += 1
+        for todo, _ in queues:
+            todo.put(item)
 
+    try:
+        for stage, (todo, done) in zip(stages, queues, strict=True):
+            start_new_thread(work, (stage, todo, done))  # threading.Thread has a lock, too
+            threads.append((todo, done))
         try:
             yield give
         except Exception:
-            finish(0)
+            take(0)
             raise
-        finish(0)
+        take(0)
+    finally:
+        left = True
+        for todo, _ in queues:
+            todo.put(END)
+        for _, done in threads:
+            while done.get() is not END:
+                pass

@@ -95,7 +95,7 @@ class Draft:
 
                 def hash_to(end: float) -> None:
                     nonlocal hashed
-                    while hashed < end and (part := os.pread(self.raw.fileno(), 1 << 20, hashed)):
+                    while hashed < end and (part := os.pread(self.raw.fileno(), 1 << 18, hashed)):
                         give(part)
                         hashed += len(part)
 

@@ -307,7 +307,7 @@ def test_memory_does_not_grow_with_the_duration(tmp_path):
 
     peak(0.1)  # imports
     one, ten = peak(1), peak(10)
-    assert ten < one + 200_000, (one, ten)  # a list of the blocks would be 40 MB more
+    assert ten < one + 1_000_000, (one, ten)  # a list of the blocks would be 40 MB more; how many wait depends on the moment
 
 
 def test_progress_bar_only_when_wanted(tmp_path, capsys):
