@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -125,6 +126,15 @@ def test_an_impedance_of_wrong_units():
         blocks.spring(v, 3.0)
     with pytest.raises(UnitError):
         blocks.kelvin_voigt(x, 3.0, Param("b", 1.0, "N/m"))
+
+
+def test_products_of_the_usual_names_are_what_pint_says():
+    known = pint.UnitRegistry()
+    names = "kg m s A N Pa J W V Hz rad".split()
+    for text in [f"{a}{op}{b}{n}/s" for a in [*names, "1"] for b in names for op in "*/" for n in ("", "**2")]:
+        base = known.Quantity(1.0, text).to_base_units()
+        assert base.magnitude == 1.0
+        assert dict(unit(text).powers) == {str(u): p for u, p in base.unit_items() if str(u) != "radian"}, text
 
 
 def test_units_print_as_the_field_writes_them():

@@ -15,6 +15,7 @@ import stimlib
 from stimlib import Scene
 from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
+from stimlib.errors import SceneError
 from stimlib.targets.numba import lanes, native
 from stimlib.targets.numba.engine import runtime
 
@@ -268,6 +269,19 @@ def test_pairs():
         maths.pairs(same, key, first, z)
         assert_same(room[:n], z, f"{n}")
         assert (room[-(-n // 4) * 4 :] == 7.0).all()
+
+
+def test_each_says_what_it_takes():
+    @njit(error_model="numpy", inline="always")
+    def decay(q, x):
+        return native.exp(x)
+
+    @njit(error_model="numpy")
+    def compiled(x, y):
+        lanes.each(decay, (), (x,), y)
+
+    with pytest.raises(SceneError, match=r"^decay cannot run in vectors, .* write a loop over the samples"):
+        compiled(np.ones(3), np.ones(3))
 
 
 class Line(NamedTuple):

@@ -71,13 +71,14 @@ def render_(
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
     """
     run_files(import_)
-    from ..analysis.picture import check_place
-    from ..analysis.picture import picture as draw
     from ..files import audio as file
     from ..run.processor import compile
-    from ..run.rendering import render
 
     if picture is not None:
+        from ..analysis.picture import check_place
+        from ..analysis.picture import picture as draw
+        from ..run.rendering import render
+
         check_place(picture)
     made = scene_of(scene)
     values = params_of(set_)

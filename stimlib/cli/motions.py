@@ -8,13 +8,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
 from .scene import number
 
 
 def motions_of(
-    scene: Scene,
+    scene: Any,
     default: tuple[str, ...] = (),
     contact: str = "",
     *,

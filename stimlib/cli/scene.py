@@ -10,13 +10,15 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..core import regular
-from ..core.scene import Scene, load
 from ..errors import BadValue, SceneError, StimlibError, UnknownName
+
+if TYPE_CHECKING:  # --help and --version need no numpy
+    from ..core.scene import Scene
 
 
 def shipped() -> dict[str, Callable[..., Scene]]:
@@ -67,6 +69,8 @@ def scene_of(text: str) -> Scene:
     if text.endswith(".py"):
         return _own(text, "")
     if text.endswith(".json"):
+        from ..core.scene import load
+
         return load(text)
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json")
 
@@ -79,6 +83,8 @@ def _own(path: str, function: str | None = None) -> Any:
 
     Where the file or the function raises, the error names their line.
     """
+    from ..core.scene import Scene
+
     regular.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
@@ -94,7 +100,10 @@ def _own(path: str, function: str | None = None) -> Any:
         found = getattr(module, function, None)
         if not (callable(found) or isinstance(found, Scene)):
             what = f"there is no {function!r} in it" if function else "say which function or scene in it"
-            there = ", ".join(_scenes_in(module)) or "no function without arguments, and no scene"
+            there = (
+                ", ".join(n for n, v in vars(module).items() if isinstance(v, Scene) or _makes(module, v))
+                or "no function without arguments, and no scene"
+            )
             raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
         scene = found if isinstance(found, Scene) else found()
     except Exception as e:
@@ -109,12 +118,8 @@ def _own(path: str, function: str | None = None) -> Any:
     return scene
 
 
-def _scenes_in(module: ModuleType) -> list[str]:
-    """What may be a scene in a module of the user's: functions of its own that need no argument, and scenes."""
-    return [name for name, found in vars(module).items() if isinstance(found, Scene) or _makes(module, found)]
-
-
 def _makes(module: ModuleType, found: Any) -> bool:
+    """Whether it may make a scene: a function of a module of the user's that needs no argument."""
     if not inspect.isfunction(found) or found.__module__ != module.__name__ or found.__name__.startswith("_"):
         return False
     return all(

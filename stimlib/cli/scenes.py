@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from ..core.scene import Scene
 from ..errors import shown
 from . import options as opt
 from .app import command, print_json
 from .scene import SceneText, run_files, scene_of, shipped
+
+if TYPE_CHECKING:
+    from ..core.scene import Scene
 
 
 @command("show")

@@ -1,4 +1,4 @@
-"""Units of nodes: SI, coherent, no prefixes.  pint knows the names; here only the exponents are kept."""
+"""Units of nodes: SI, coherent, no prefixes.  Only the exponents are kept; pint knows what is no product of the usual names."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from functools import cache, lru_cache
 from ..errors import UnitError
 
 _SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2")
+_BASE = ("kilogram", "meter", "second", "ampere")
+_SI = {  # powers of these: products of these names need no pint, which takes longer to load than the rest of a start
+    "kg": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "N": (1, 1, -2, 0), "Pa": (1, -1, -2, 0),
+    "J": (1, 2, -2, 0), "W": (1, 2, -3, 0), "V": (1, 2, -3, -1), "Hz": (0, 0, -1, 0), "rad": (0, 0, 0, 0), "1": (0, 0, 0, 0),
+}  # fmt: skip
+_FACTOR = re.compile(rf"([*/])({'|'.join(_SI)})(?:\*\*([1-9]))?(?![\w.]|\*\*)")
 
 
 class Unit:
@@ -112,6 +118,10 @@ def unit(text: str) -> Unit:
 def _parsed(text: str) -> Unit:
     if len(text) > 100 or _HUGE.search(text) or len(_OF_GROUP.findall(text)) > 1:
         raise UnitError(f"unit {text[:40]!r} is not a product of SI names with small powers, such as 'N*s/m' or 'm**2'")
+    if not _FACTOR.sub("", "*" + text):
+        factors = [(_SI[name], int(n or 1) * (1 if op == "*" else -1)) for op, name, n in _FACTOR.findall("*" + text)]
+        total = [float(sum(n * powers[i] for powers, n in factors)) for i in range(len(_BASE))]
+        return Unit(tuple(sorted((name, p) for name, p in zip(_BASE, total, strict=True) if p)))
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
         factor = float(base.magnitude)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import definitions, regular
+from ..core.beside import beside
 from ..core.program import warn_beyond
 from ..core.progress import progress as bar
 from ..errors import BadValue, FaultError, SinkError, shown
@@ -29,12 +30,12 @@ from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
 from ..version import __version__
-from .draft import PIECE, Draft, reading, reason, sha256, soundfile
-from .formats import FORMATS, Array, check_format, encode, format_of, full_scales, physical
-from .publish import check_place, check_size, publish
+from .draft import PIECE, reading, reason, sha256, soundfile
+from .formats import FORMATS, Array, check_format, encode, format_of, full_scales, interleaved, physical
+from .publish import Put, check_place, check_size, publish
 from .sidecar import FileReport, describe, hint, load, sidecar_of
 
-STEP = 0.25  # s of signal that is written at once, at most: what a killed run can lose
+STEP = 1.0  # s of signal that is written at once, at most; a killed run can lose three: one being made, two being written
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
@@ -59,7 +60,9 @@ def write(
 
     Memory does not grow with the duration. What was written is read back and compared before it gets its name. If anything
     fails, or on an interrupt, whatever was at ``path`` before is still there and nothing is left beside it. A run that is
-    killed outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks a quarter of a second at most.
+    killed outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks three seconds of signal at most.
+
+    The motion is asked for and the processor runs in the thread that calls; hashing, coding and writing go on in others.
 
     Parameters
     ----------
@@ -237,8 +240,8 @@ def _write(
     }
     parts = blocks(sources, max(1, int(STEP * proc.fs)))
 
-    def run(draft: Draft) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(draft, proc, parts, frames, subtype, scales, progress)
+    def run(put: Put) -> tuple[NDArray[np.int64], Array, str]:
+        return _run(put, path, proc, parts, frames, subtype, scales, progress)
 
     report = publish(path, info, run, overwrite)
     if beyond := _beyond(report, info):
@@ -247,7 +250,8 @@ def _write(
 
 
 def _run(
-    draft: Draft,
+    put: Put,
+    path: Path,
     proc: Processor,
     blocks: Iterable[Array],
     frames: int,
@@ -260,20 +264,26 @@ def _run(
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
-    with bar("writing", frames, progress) as advance:
+
+    def hashed(y: Array) -> None:
+        digest.update(interleaved(y, "<f8").data)
+
+    def stored(y: Array) -> None:
+        np.maximum(peak, np.abs(y).max(axis=1), out=peak)
+        samples, clipped = encode(y, scales, subtype, outputs)
+        if peak.max() > NEARLY and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all():
+            name = outputs[int(np.argmin(good))]
+            remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
+            raise SinkError(f"output {name} is too near the largest float to be read back from {subtype}: {remedy}")
+        clips[:] += clipped
+        put(samples)
+
+    with bar("writing", frames, progress) as advance, beside(hashed, stored) as give:
         for y in blocks:
             if proc.fault is not None:
                 name, index = proc.fault
-                raise FaultError(fault_text(name, index - first, fs, f"{draft.path} was not written"))
-            digest.update(np.ascontiguousarray(y.T, dtype="<f8").data)
-            peak = np.maximum(peak, np.abs(y).max(axis=1))
-            samples, clipped = encode(y, scales, subtype, outputs)
-            if peak.max() > NEARLY and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all():
-                name = outputs[int(np.argmin(good))]
-                remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
-                raise SinkError(f"output {name} is too near the largest float to be read back from {subtype}: {remedy}")
-            clips += clipped
-            draft.put(samples)
+                raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
+            give(y.copy())
             advance(y.shape[1])
     return clips, peak, digest.hexdigest()
 
@@ -335,10 +345,10 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": "", "definitions": {}}
     scales = np.array([c["full_scale"] for c in info["channels"]])
 
-    def run(draft: Draft) -> tuple[NDArray[np.int64], Array, None]:
+    def run(put: Put) -> tuple[NDArray[np.int64], Array, None]:
         peak = np.zeros(len(names))
         for part in blocks:
-            draft.put(part)
+            put(part)
             peak = np.maximum(peak, np.abs(part).max(axis=0, initial=0.0) * scales)
         return np.zeros(len(names), dtype=np.int64), peak, None
 

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import regular
+from ..core.beside import beside
 from ..errors import SinkError
 
 UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
@@ -47,6 +50,7 @@ class Draft:
     def __init__(self, path: Path, at: Path, fs: int, channels: int, format: str, subtype: str):
         self.path, self.at, self.frames, self.type = path, at, 0, TYPES[subtype]
         self._put = hashlib.blake2b()
+        self._busy = Lock()  # an interrupt may close it while another thread puts
         sf = soundfile()
         self.raw = open(regular.create(at), "r+b", buffering=0)
         try:
@@ -63,44 +67,51 @@ class Draft:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        with suppress(soundfile().SoundFileError):  # an error before is the one to report
+        with self._busy, suppress(soundfile().SoundFileError):  # an error before is the one to report
             self._sound.close()
         self.raw.close()
 
     def put(self, samples: NDArray[Any]) -> None:
-        """Append samples, shape (n, channels), of the type of the subtype."""
+        """Append samples, shape (n, channels), of the type of the subtype; ``seal`` proves that they are there."""
         self._put.update(np.ascontiguousarray(samples).data)
+        self.append(samples)
+
+    def append(self, samples: NDArray[Any]) -> None:
+        """The same for a file that is not sealed."""
         self.frames += len(samples)
-        with disk(self.path, self.raw):
+        with self._busy, disk(self.path, self.raw):
             self._sound.write(samples)
             if self._sound.frames != self.frames:
                 raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
 
-    def finish(self) -> None:
-        """Complete the file; nothing can be put then."""
+    def seal(self) -> str:
+        """Complete the file, have it on the disk and prove that it holds what was put; its sha256."""
         with disk(self.path, self.raw):
             self._sound.close()
             _undate(self.raw.fileno())
-
-    def seal(self) -> str:
-        """Complete the file, have it on the disk and prove that it holds what was put; its sha256."""
-        self.finish()
-        with disk(self.path, self.raw):
             os.fsync(self.raw.fileno())
-            digest = sha256(self.raw)  # first: who changes the file after it was proven changes its hash
-            got, frames = hashlib.blake2b(), 0
-            with suppress(soundfile().SoundFileError), reading(self.raw) as f:
-                while frames <= self.frames and len(part := f.read(PIECE, dtype=self.type, always_2d=True)):
-                    got.update(np.ascontiguousarray(part).data)
-                    frames += len(part)
+            digest, got, frames, hashed = hashlib.sha256(), hashlib.blake2b(), 0, 0
+            with beside(digest.update) as give:
+
+                def hash_to(end: float) -> None:
+                    nonlocal hashed
+                    while hashed < end and (part := os.pread(self.raw.fileno(), 1 << 18, hashed)):
+                        give(part)
+                        hashed += len(part)
+
+                hash_to(1)  # always before it is read: who changes the file after it was proven changes its hash
+                with suppress(soundfile().SoundFileError), reading(self.raw) as f:
+                    most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
+                    while frames <= self.frames:
+                        hash_to(self.raw.tell() + most)
+                        if not len(samples := f.read(PIECE, dtype=self.type, always_2d=True)):
+                            break
+                        got.update(np.ascontiguousarray(samples).data)
+                        frames += len(samples)
+                hash_to(math.inf)
             if (frames, got.digest()) != (self.frames, self._put.digest()):
                 raise self._changed()
-        return digest
-
-    def same(self, other: Draft) -> None:
-        """Raise unless the same samples were put in another, of what was read back from this."""
-        if self._put.digest() != other._put.digest():
-            raise self._changed()
+        return digest.hexdigest()
 
     def _changed(self) -> SinkError:
         # libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent

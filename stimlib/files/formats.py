@@ -82,16 +82,24 @@ def full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor,
     return scales
 
 
+def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
+    """Rows (n_outputs, n) as frames (n, n_outputs) of a type."""
+    frames = np.empty(y.shape[::-1], type)
+    for c, row in enumerate(y):  # four times as fast as frames.T[:] = y
+        frames[:, c] = row
+    return frames
+
+
 def encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Samples as they go to libsndfile, (n, n_outputs), and how many were limited per output."""
     with np.errstate(over="ignore"):
-        v = y.T / scales
+        v = y / scales[:, None]
         if subtype == "PCM_24":
             codes = np.rint(v * 2.0**23)
-            limited = np.minimum(np.maximum(codes, -(2.0**23)), 2.0**23 - 1)
+            limited = np.clip(codes, -(2.0**23), 2.0**23 - 1)
             # libsndfile keeps the upper 24 of the 32 bits as they are
-            return np.left_shift(limited.astype(np.int32), 8, order="C"), (limited != codes).sum(axis=0)
-        samples = np.ascontiguousarray(v, dtype=np.float32 if subtype == "FLOAT" else np.float64)
+            return interleaved(limited, np.int32) << 8, np.count_nonzero(limited != codes, axis=1)
+        samples = interleaved(v, np.float32 if subtype == "FLOAT" else np.float64)
     if not np.isfinite(samples).all():
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
         raise SinkError(f"output {name} / full_scale is too large for {subtype}: use a larger full_scale")

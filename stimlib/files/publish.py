@@ -18,8 +18,10 @@ from .draft import TYPES, Draft, disk, fill, move, reading, reason, sha256, soun
 from .formats import JOURNAL, Array, physical
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
 
-Run = Callable[[Draft], tuple[NDArray[np.int64], Array, str | None]]
-"""What fills a draft: samples clipped and peak of each output, and the hash of the signal."""
+Put = Callable[[NDArray[Any]], None]
+"""Takes the next samples, shape (n, channels), of the type of the subtype."""
+Run = Callable[[Put], tuple[NDArray[np.int64], Array, str | None]]
+"""What fills a file: samples clipped and peak of each output, and the hash of the signal."""
 
 
 def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
@@ -39,25 +41,27 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
 
 
 def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
-    """Let run fill NAME.part, and put it and its sidecar to their places, or nothing."""
+    """Let run fill a file, and put it and its sidecar to their places, or nothing; meanwhile NAME.part has the samples so far."""
     part, format = part_of(path), info["format"]
     try:
         with _locked(path) as begun, ExitStack() as stack:
             _remove(_new(path), part_of(sidecar_of(path)))  # of a run that was killed
             with disk(path):
                 fill(begun, text_of(info))
-            draft = stack.enter_context(_draft(path, part, info, JOURNAL.get(format, format)))
-            clips, peak, info["sha256"] = run(draft)
+            draft = stack.enter_context(_draft(path, _new(path) if format in JOURNAL else part, info, format))
+            put = draft.put
+            if format in JOURNAL:
+                journal = stack.enter_context(_draft(path, part, info, JOURNAL[format]))
+
+                def put(samples: NDArray[Any]) -> None:
+                    journal.append(samples)
+                    draft.put(samples)
+
+            clips, peak, info["sha256"] = run(put)
             if draft.frames != info["frames"]:
                 raise SinkError(f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told")
             for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}
-            if format in JOURNAL:
-                draft.finish()
-                coded = stack.enter_context(_draft(path, _new(path), info, format))
-                _copy(part, draft.raw, coded, info)
-                draft.same(coded)
-                draft = coded
             _move(draft, path, info, overwrite)
             _remove(part, sidecar_of(part))
     except BaseException:
@@ -155,7 +159,7 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
         except BaseException:
             _remove(_new(to), part_of(sidecar_of(to)))
             raise
-        _remove(part, sidecar)
+        _remove(part, sidecar, _new(path))
     return report_of(to, info)
 
 
@@ -223,7 +227,7 @@ def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
 
 
 def _new(path: Path) -> Path:
-    """A copy on its way to its place: a FLAC file being coded, or a file being recovered."""
+    """A file on its way to its place that is not NAME.part: FLAC, or one being recovered."""
     return path.with_name(path.name + ".new.part")
 
 

@@ -135,11 +135,13 @@ class minimum_jerk(Motion):
 
     def _position(self, t: Array) -> Array:
         period = self.rise + self.hold + self.fall + self.rest
-        end = np.inf if self.repeats is None else self.repeats * period
-        u = np.fmod(np.where(t < end, np.maximum(t, 0.0), 0.0), period)
+        u = np.maximum(t, 0.0)
+        if self.repeats is not None:
+            u = np.where(t < self.repeats * period, u, 0.0)
+        u = np.fmod(u, period)
         falling = u - (self.rise + self.hold)
         s = np.where(falling < 0, u / self.rise, (self.fall - falling) / self.fall)
-        s = np.minimum(np.maximum(s, 0.0), 1.0)
+        s = np.clip(s, 0.0, 1.0)
         return self.start + self.depth * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
 
 

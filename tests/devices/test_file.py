@@ -202,7 +202,7 @@ def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
     assert np.array_equal(y, proc.process(np.empty((0, 800)))) and sidecar["motion"] == {}
 
 
-def test_a_motion_sees_exact_times_and_cannot_spoil_them(tmp_path):
+def test_a_motion_sees_exact_times_once_and_cannot_spoil_them(tmp_path):
     seen = []
 
     def motion(t):
@@ -210,7 +210,8 @@ def test_a_motion_sees_exact_times_and_cannot_spoil_them(tmp_path):
         t += 1.0
         return t
 
-    file.write(tmp_path / "a.wav", copies("x", "y"), {"x": motion, "y": motion}, 0.1, block=300)
+    again = lambda t: motion(t)  # noqa: E731
+    file.write(tmp_path / "a.wav", copies("x", "y", "z"), {"x": motion, "y": motion, "z": again}, 0.1, block=300)
     t = np.arange(800) / 8000
     assert np.array_equal(np.concatenate(seen[::2]), t) and np.array_equal(np.concatenate(seen[1::2]), t)
 
@@ -306,7 +307,7 @@ def test_memory_does_not_grow_with_the_duration(tmp_path):
 
     peak(0.1)  # imports
     one, ten = peak(1), peak(10)
-    assert ten < one + 200_000, (one, ten)  # a list of the blocks would be 40 MB more
+    assert ten < one + 1_000_000, (one, ten)  # a list of the blocks would be 40 MB more; how many wait depends on the moment
 
 
 def test_progress_bar_only_when_wanted(tmp_path, capsys):

@@ -24,7 +24,8 @@ import threading
 import time
 import types
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,9 @@ import llvmlite
 import llvmlite.binding
 import numba
 import platformdirs
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
 
 from ...core import maths, regular
 from ...core.steps import source
@@ -134,7 +138,7 @@ def load(text: str, stem: str) -> types.ModuleType:
 
 def _load(place: Path, text: str) -> types.ModuleType:
     if _sound(place, text):
-        with suppress(Exception):  # numba lets whatever unpickling raises through
+        with suppress(Exception), _no_compiler():  # numba lets whatever unpickling raises through
             module = _execute(place, text)
             logger.debug("cache hit: %s in %s", place.name, place.parent)
             return module
@@ -168,6 +172,22 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
     finally:
         config.CACHE_DIR = elsewhere
     return module
+
+
+@contextmanager
+def _no_compiler() -> Iterator[None]:
+    """What is only loaded does not need what numba knows of Python, numpy and scipy; that takes longer than all else of a start.
+
+    Whoever compiles later lets numba load it, as ever.
+    """
+    context: Any = cpu_target.target_context
+    with global_compiler_lock:  # nobody compiles meanwhile
+        rtsys.initialize(context)
+        context.refresh = lambda: None
+        try:
+            yield
+        finally:
+            del context.refresh
 
 
 def _publish(part: Path, place: Path) -> None:

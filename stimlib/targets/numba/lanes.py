@@ -15,13 +15,13 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from ...blocks import maps
 from ...core import maths
 from ...core.graph import Abs, Add, AtLeast, Block, Div, Equal, Greater, Mul, Neg, NotEqual, Sub, signals
 from ...core.steps import used
+from ...errors import SceneError
 from . import kernels, native
 from .kernels import DOUBLE, F8, I64, cases, known, load, loop, shuffle, splat, store
 from .native import I8
@@ -176,9 +176,9 @@ def _helper(f: Any) -> Callable:
     """What each and pairs run; an error for the author where it cannot be."""
     helper = twin(f.dispatcher)
     if helper is None:
-        raise TypingError(
-            f"{f.dispatcher.py_func.__name__} uses what vectors do not have (only arithmetic, comparisons, abs, {', '.join(TWINS)} "
-            "and helpers like it can be used): write a loop over the samples instead"
+        raise SceneError(
+            f"{f.dispatcher.py_func.__name__} cannot run in vectors, which have arithmetic, comparisons, abs, {', '.join(TWINS)} "
+            "and helpers of these: write a loop over the samples in place of each(..)"
         )
     return helper
 

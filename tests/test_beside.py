@@ -1,0 +1,70 @@
+"""Threads beside the caller: every item in order, the earliest error, and no thread left."""
+
+import threading
+import time
+
+import pytest
+
+from stimlib.core.beside import beside
+
+
+def test_each_stage_gets_every_item_in_order_in_a_thread_of_its_own():
+    seen, threads = ([], []), (set(), set())
+
+    def stage(k):
+        return lambda item: (seen[k].append(item), threads[k].add(threading.get_ident()))
+
+    with beside(stage(0), stage(1)) as give:
+        for i in range(50):
+            give(i)
+    assert seen == (list(range(50)),) * 2
+    assert len(set.union(*threads, {threading.get_ident()})) == 3
+
+
+@pytest.mark.parametrize("room", [1, 2, 5])
+def test_the_caller_waits_where_room_items_wait(room):
+    begun, go = [], threading.Event()
+
+    def slow(item):
+        begun.append(item)
+        go.wait(10)
+
+    given = []
+    with beside(slow, room=room) as give:
+        for i in range(room):
+            give(i)
+            given.append(i)
+        waiting = threading.Timer(0.05, lambda: (given.append("waited"), go.set()))
+        waiting.start()
+        give(room)
+        given.append(room)
+    assert given == [*range(room), "waited", room] and begun == list(range(room + 1))
+
+
+@pytest.mark.parametrize("own", [None, KeyError("mine"), KeyboardInterrupt()], ids=repr)
+def test_the_earliest_error_is_raised_and_nothing_goes_on(own):
+    busy = []
+
+    def fails(item):
+        busy.append(item)
+        time.sleep(0.01)
+        busy.pop()
+        if item:
+            raise ValueError(item)
+
+    with pytest.raises(KeyboardInterrupt if isinstance(own, KeyboardInterrupt) else ValueError) as info:
+        with beside(fails, room=3) as give:
+            for i in range(3):
+                give(i)
+            if own is not None:
+                raise own
+    assert info.value is own or info.value.args == (1,)
+    assert not busy
+
+
+def test_an_error_of_the_caller_is_raised_where_the_items_are_fine():
+    done = []
+    with pytest.raises(KeyError), beside(done.append) as give:
+        give(1)
+        raise KeyError("mine")
+    assert done == [1]
