@@ -175,9 +175,9 @@ def entry(ctx, x, y, n):
 ARRAYS = types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C", readonly=True)
 
 
-@njit([types.int64(types.int64, a, ARRAYS[0]) for a in ARRAYS], cache=True, error_model="numpy", nogil=True)
+@njit([types.int64(types.int64, a, ARRAYS[0]) for a in ARRAYS], cache=True, error_model="numpy")
 def process(place, x, y):
-    ctx = i8_at(place)  # a number is handed over faster than an array
+    ctx = i8_at(place)  # a number is handed over faster than an array, and Python's lock faster kept than given away
     if x.shape[0] != ctx[6] or y.shape[0] != ctx[7] or x.shape[1] != y.shape[1]:
         return 1
     apart = address(data(y)) - address(data(x))
