@@ -131,6 +131,8 @@ class Differentiator(Fir):
     def design(self, fs):
         order = 2 * round(64 * fs / 8000) if self.order is None else self.order
         passband = 0.45 * fs if self.passband is None else self.passband
+        if passband < 1e-9 * fs:
+            raise BadValue(f"differentiator: nothing passes to {passband:g} Hz at fs = {fs:g} Hz; give a larger passband")
         if passband >= fs / 2:
             good = (p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol)
             raise BadValue(
