@@ -6,13 +6,14 @@ python benchmarks/channels.py --record    and keep the figures in results/channe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 from bench import NS, TIMES, Row, main, row
 
 import stimlib
-from stimlib.run.processor import Processor
+from stimlib.run.processor import Copies, Processor
 from stimlib.scenes import squeeze
 from stimlib.speed.chain import FS, movements
 from stimlib.speed.timing import interleaved, medians, ratio
@@ -20,16 +21,15 @@ from stimlib.speed.timing import interleaved, medians, ratio
 COPIES, SAMPLES = 64, 1 << 14
 
 
-def copies(many: int) -> list[Processor]:
-    """Processors of one scene that differ in seed, stiffness and gain."""
-    made = [stimlib.compile(squeeze(fingers=1), FS, seed=i) for i in range(many)]
-    for proc, k, A in zip(made, np.linspace(500, 3000, many), np.linspace(0.5, 4.0, many), strict=True):
-        proc.set("k", k, ramp=0.0)
-        proc.set("A", A, ramp=0.0)
-    return made
+def copies(threads: int | None = None) -> Copies:
+    """Runs of one scene that differ in seed, stiffness and gain."""
+    runs = stimlib.compile(squeeze(fingers=1), FS).many(range(COPIES), threads=threads)
+    runs.set("k", np.linspace(500, 3000, COPIES).tolist(), ramp=0.0)
+    runs.set("A", np.linspace(0.5, 4.0, COPIES).tolist(), ramp=0.0)
+    return runs
 
 
-def one_after_another(procs: list[Processor], x: np.ndarray, out: np.ndarray) -> Callable[[], None]:
+def one_after_another(procs: Iterable[Processor], x: np.ndarray, out: np.ndarray) -> Callable[[], None]:
     """A call of ``process`` for each."""
 
     def job() -> None:
@@ -39,18 +39,20 @@ def one_after_another(procs: list[Processor], x: np.ndarray, out: np.ndarray) ->
     return job
 
 
-WAYS = {"one after another": one_after_another}  # a way to run all in one call comes here
-
-
 def measure() -> list[Row]:
     """All rows."""
     x = movements(SAMPLES)["gate open"][None]
-    one = {"1 copy": one_after_another(copies(1), x, np.empty((1, 1, SAMPLES)))}
-    many = {f"{COPIES} copies, {way}": f(copies(COPIES), x, np.empty((COPIES, 1, SAMPLES))) for way, f in WAYS.items()}
-    times = interleaved(one | many)
-    samples = dict.fromkeys(one, SAMPLES) | dict.fromkeys(many, COPIES * SAMPLES)
-    rows = [row(what, seconds / samples[what] * 1e9, NS) for what, seconds in medians(times).items()]
-    return rows + [row(f"rate: {what}, against 1 copy", COPIES / ratio(times, what, "1 copy"), TIMES) for what in many]
+    out = np.empty((COPIES, 1, SAMPLES))
+    jobs = {
+        "1 copy": one_after_another([copies()[0]], x, out[:1]),
+        "one after another": one_after_another(list(copies()), x, out),
+    }
+    jobs |= {f"{threads} thread(s)": partial(copies(threads).process, x, out) for threads in (1, 2)}
+    times = interleaved(jobs)
+    samples = {what: SAMPLES * (1 if what == "1 copy" else COPIES) for what in jobs}
+    rows = [row(f"{COPIES} copies, {what}", seconds / samples[what] * 1e9, NS) for what, seconds in medians(times).items()]
+    several = list(jobs)[1:]
+    return rows + [row(f"rate: {what}, against 1 copy", COPIES / ratio(times, what, "1 copy"), TIMES) for what in several]
 
 
 if __name__ == "__main__":
