@@ -24,24 +24,34 @@ class FirParams(NamedTuple):
 
 
 class FirState(NamedTuple):
-    line: np.ndarray  # the last taps.size - 1 inputs, oldest first
+    line: np.ndarray  # inputs, oldest first: the last taps.size - 1 end at the place of the next
+    at: np.uint64  # how far that place has moved
+
+
+SPAN = 448
+"""So many samples, at least, are taken in before the last ones are moved back to the beginning."""
 
 
 class Fir(Block, abstract=True):
     """y[n] = sum_k h[k] x[n-k]."""
 
     @staticmethod
-    def work(p):
-        return p.taps.size + 63
-
-    @staticmethod
-    def tile(p, s, x, y, w):
-        h = s.line.size
-        copy(s.line, w)
-        copy(x, w[h : h + x.size])
-        fir_sum(p.taps, w[: h + x.size], y)
-        copy(w[x.size : x.size + h], s.line)
-        return s
+    def tile(p, s, x, y):
+        h, start = p.taps.size - 1, 0
+        span = s.line.size - h
+        at = np.int64(s.at % np.uint64(span))  # a state may come from anywhere
+        for _ in range(2):  # a tile is shorter than the way to the end
+            n = x.size - start
+            if n > span - at:
+                n = span - at
+            if n > 0:
+                copy(x[start : start + n], s.line[at + h : at + h + n])
+                fir_sum(p.taps, s.line[at : at + h + n], y[start : start + n])
+                start, at = start + n, at + n
+                if at == span:
+                    copy(s.line[span:], s.line[:h])
+                    at = np.int64(0)
+        return FirState(s.line, np.uint64(at))
 
     @staticmethod
     def transfer(p, z):
@@ -61,7 +71,8 @@ class Fir(Block, abstract=True):
 def line(taps: np.ndarray) -> tuple[FirParams, FirState]:
     """Parameters and rest state for taps h[0..order]."""
     n = -(-taps.size // 8) * 8
-    return FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1)), FirState(np.zeros(n - 1))
+    p = FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1))
+    return p, FirState(np.zeros(n - 1 + max(n - 1, SPAN)), np.uint64(0))
 
 
 @dataclass(frozen=True, eq=False)
