@@ -280,7 +280,7 @@ def test_each_says_what_it_takes():
     def compiled(x, y):
         lanes.each(decay, (), (x,), y)
 
-    with pytest.raises(SceneError, match=r"^decay cannot run in vectors, .* write a loop over the samples"):
+    with pytest.raises(SceneError, match=r"^decay cannot run in vectors: .* write a loop over the samples"):
         compiled(np.ones(3), np.ones(3))
 
 

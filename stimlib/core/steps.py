@@ -152,6 +152,9 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
             call = node.iter
             if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):
                 refuse(node, "loop with for i in range(..)")
+        if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
+            if isinstance(node.left, ast.Compare) and isinstance(node.right, ast.Compare):
+                refuse(node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)")
         if isinstance(node, ast.Call):
             g = node.func
             if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name) and g.value.id in known:
@@ -167,6 +170,8 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
                 refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and helpers like itself")
             if not any(isinstance(a, ast.Starred) for a in node.args):
                 _check_arguments(target, node, refuse)
+            if target in (maths.each, maths.pairs) and isinstance(node.args[0], ast.Name):  # they call it
+                target = known.get(node.args[0].id)
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
                 if target in (f, *above):
                     refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")

@@ -57,6 +57,9 @@ def _loop(lanes: int) -> Callable[[int], float]:
     from numba.core import cgutils
     from numba.extending import intrinsic
 
+    from ..targets.numba.kernels import FEATURES
+
+    assert FEATURES  # numba has been told which vectors to build for
     I64, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), lanes)
 
     @intrinsic

@@ -120,7 +120,7 @@ def _segment(
     if cls.tile:  # type: ignore[attr-defined]
         scratch = ["w"] if cls.work else []  # type: ignore[attr-defined]
         lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
-    elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.bind(f):
+    elif inputs and not s_kinds and set(p_kinds) <= {"f"} and lanes.in_vectors(f, p_type, inputs):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
         lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
     else:

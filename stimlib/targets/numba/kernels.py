@@ -33,14 +33,14 @@ def features() -> str:
     """What programs are built for: what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out."""
     config: Any = numba.config
     have = config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
-    bits = os.environ.get("STIMLIB_VECTOR_BITS", "512")
+    bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
     if bits not in map(str, WIDER):
         raise BadValue(f"STIMLIB_VECTOR_BITS = {bits:.20}: choose one of {', '.join(map(str, WIDER))}")
     return ",".join("-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have.split(","))
 
 
 FEATURES = features().split(",")
-if "STIMLIB_VECTOR_BITS" in os.environ:
+if os.environ.get("STIMLIB_VECTOR_BITS"):
     numba.config.CPU_FEATURES = ",".join(FEATURES)  # type: ignore[attr-defined]  # before numba builds anything
 
 

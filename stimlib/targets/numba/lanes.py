@@ -26,6 +26,7 @@ from . import kernels, native
 from .kernels import DOUBLE, F8, I64, cases, known, load, loop, shuffle, splat, store
 from .native import I8
 
+I1 = ir.IntType(1)
 WIDTHS = 16, 2
 """Sixteen hide the latency of the operations; two are quickest where a sink asks for a sample or two."""
 
@@ -40,14 +41,21 @@ class Lanes:
 
     def like(self, x: Any) -> ir.Value:
         """A number of the same kind, in every lane."""
-        if isinstance(x, Lanes):
-            return x.v
         kind = self.v.type.element
+        if isinstance(x, Lanes):
+            if x.v.type != self.v.type:
+                raise TypeError("numbers, words and truth values are mixed")
+            return x.v
+        if not isinstance(x, np.uint64 if kind == I64 else (int, float)):  # np.float64 is a float
+            raise TypeError(f"{x!r} is of another kind")
         return splat(self.b, ir.Constant(kind, float(x) if kind == DOUBLE else int(x)), self.v.type.count)
 
     def of(self, kind: ir.Type) -> ir.VectorType:
         """As many of another kind."""
         return ir.VectorType(kind, self.v.type.count)
+
+    def __bool__(self):
+        raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
 
     def __neg__(self):
         return Lanes(self.b, self.b.fneg(self.v))
@@ -60,6 +68,8 @@ def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
         name = of_floats if x.type.element == DOUBLE else of_words
+        if not name or (x.type.element == I1 and name not in ("and_", "or_", "xor")):
+            raise TypeError("a truth value is no number: write where(c, 1.0, 0.0)")
         return Lanes(self.b, getattr(self.b, name)(*((y, x) if swapped else (x, y))))
 
     return f
@@ -91,7 +101,9 @@ def _lanes(*v: Any) -> tuple[ir.IRBuilder, list[ir.Value]]:
 
 
 def _where(c: Lanes, x: Any, y: Any) -> Lanes:
-    some = next((v for v in (x, y) if isinstance(v, Lanes)), None) or Lanes(c.b, kernels.zeros(c.of(DOUBLE)))
+    if c.v.type.element != I1:
+        raise TypeError("where takes a comparison")
+    some = next((v for v in (x, y) if isinstance(v, Lanes)), Lanes(c.b, kernels.zeros(c.of(DOUBLE))))
     return Lanes(c.b, c.b.select(c.v, some.like(x), some.like(y)))
 
 
@@ -139,12 +151,40 @@ def bind(f: python.FunctionType) -> Callable | None:
     return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope})
 
 
+def number(b: ir.IRBuilder, v: Any) -> ir.Value:
+    """What a helper has returned, numbers side by side or one number."""
+    if isinstance(v, Lanes) and v.v.type.element != DOUBLE:
+        raise TypeError("it returns no number: write where(c, 1.0, 0.0)")
+    return v.v if isinstance(v, Lanes) else Lanes(b, kernels.zeros(kernels.V8)).like(v)
+
+
+def fault(helper: Callable | None, p_type: Any, kinds: list[ir.Type]) -> str:
+    """Why a helper(p, *x) of numbers or words cannot run in vectors, or nothing.  It is tried."""
+    if helper is None:
+        return "it uses what they do not have"
+    b = ir.IRBuilder(ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "trial").append_basic_block())
+    p = p_type(*(Lanes(b, kernels.zeros(kernels.V8)) for _ in p_type._fields)) if hasattr(p_type, "_fields") else ()
+    try:
+        y = helper(p, *(Lanes(b, ir.Constant(ir.VectorType(kind, 8), ir.Undefined)) for kind in kinds))
+        for v in y if isinstance(y, tuple) else (y,):
+            number(b, v)
+    except Exception as e:  # of an author's code
+        return str(e)
+    return ""
+
+
+def in_vectors(step: Any, p_type: Any, inputs: int) -> bool:
+    """Whether a step without state can run in vectors."""
+    run = twin(step)
+    return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, [DOUBLE] * inputs)
+
+
 def _steps(b, step, p, x, y, n):
     """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
 
     def at(i):
         samples = [Lanes(b, load(b, q, i)) for q in x]
-        store(b, samples[0].like(step(p, (), *samples)[0]), y, i)
+        store(b, number(b, step(p, (), *samples)[0]), y, i)
 
     with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
         with whole:  # no loop, which would take as long as the work
@@ -172,20 +212,24 @@ def steps(ctx, f, p, x, y, n):
     return types.void(f, p, x, y, types.int64), code
 
 
-def _helper(f: Any) -> Callable:
+def _helper(f: Any, p_type: Any, kinds: list[ir.Type]) -> Callable:
     """What each and pairs run; an error for the author where it cannot be."""
     helper = twin(f.dispatcher)
-    if helper is None:
+    call = helper if p_type is not None else helper and (lambda p, *x: helper(*x))
+    if why := fault(call, p_type, kinds):
         raise SceneError(
-            f"{f.dispatcher.py_func.__name__} cannot run in vectors, which have arithmetic, comparisons, abs, {', '.join(TWINS)} "
-            "and helpers of these: write a loop over the samples in place of each(..)"
+            f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. They have arithmetic, comparisons, abs, "
+            f"{', '.join(TWINS)} and helpers of these; else write a loop over the samples in place of each(..)"
         )
     return helper
 
 
 @intrinsic
 def _each(ctx, f, p, x, y):
-    helper = _helper(f)
+    floats = isinstance(p, types.BaseTuple) and all(t == types.float64 for t in getattr(p, "types", ()))
+    if not (floats and isinstance(x, types.BaseTuple)):
+        raise SceneError("each(f, p, x, y): p must be a NamedTuple of floats or (), and x a tuple of arrays, such as (x,)")
+    helper = _helper(f, getattr(p, "instance_class", ()), [DOUBLE] * len(x))
 
     def code(c, b, sig, v):
         _, p, x, y = v
@@ -203,7 +247,7 @@ def _each(ctx, f, p, x, y):
         last = b.select(few, I64(0), b.sub(n, I64(8)))
         with loop(b, I64(0), n, 8) as (i, _):
             i = b.select(b.icmp_signed("<", i, last), i, last)  # the last eight may hold some that are there already
-            store(b, helper(numbers, *(Lanes(b, load(b, q, i)) for q in x)).v, out, i)
+            store(b, number(b, helper(numbers, *(Lanes(b, load(b, q, i)) for q in x))), out, i)
         with b.if_then(few):
             cgutils.raw_memcpy(b, y.data, out, n, 8)
         return c.get_dummy_value()
@@ -243,7 +287,7 @@ def operation(ctx, number, W, A, n):
 
 @intrinsic
 def _pairs(ctx, f, key, first, z, n):
-    helper = _helper(f)
+    helper = _helper(f, None, [I64, I64])
 
     def code(c, b, sig, v):
         key, first, z, n = v[1:]
