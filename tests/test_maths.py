@@ -309,7 +309,7 @@ SEVEN, THREE = np.uint64(7), np.uint64(3)
 def compared(q, x, z):
     m = maths
     up = m.where(x < z, 1.0 - x, 2.0 - m.flush(z))
-    return m.where(x != z, up, m.where(x >= z, m.where(x > 3.0, -x, 5.0 / x), 4.0))
+    return m.where(x != z, up, m.where(x >= z, m.where(x > 3.0, -x, 5.0 / -x), 4.0))
 
 
 def of_words(q, x, z):
