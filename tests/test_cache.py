@@ -1,5 +1,6 @@
 """The cache of compiled segments, with real processes and real folders; and steps that must not compile."""
 
+import inspect
 import json
 import os
 import re
@@ -10,6 +11,11 @@ import textwrap
 from pathlib import Path
 
 import pytest
+
+from stimlib.core import maths
+from stimlib.core.steps import source
+from stimlib.targets.numba import kernels, lanes, native
+from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent
 
@@ -94,6 +100,17 @@ def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
     assert [line for line in told if re.match("stimlib.targets.numba.cache DEBUG cache hit: runtime_", line)]
     assert [line for line in told if re.match(rf"stimlib.targets.numba.cache INFO cache miss: {lost.name} compiled in \d", line)]
     assert re.match(r"stimlib.run.processor DEBUG Processor\(x -> y, fs=1000, numba\): \d+ rows, ready in \d", told[-1])
+
+
+def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
+    usual = salt.__wrapped__()
+    for module in (kernels, lanes, native, maths):
+        assert inspect.getsource(module) in usual
+    for cls in lanes.OPERATIONS:
+        assert source(cls.step) in usual
+    assert (Path(kernels.__file__).parent / "runtime.py").read_text() in usual
+    monkeypatch.setattr(kernels, "FEATURES", [*kernels.FEATURES, "-avx512f"])
+    assert salt.__wrapped__() != usual, "vectors of another width"
 
 
 def test_a_second_process_compiles_nothing(small, wanted):

@@ -299,6 +299,33 @@ def test_a_nan_condition_is_closed(target):
     assert proc.fault is None
 
 
+def test_a_live_number_in_gates_is_that_of_its_sample():
+    """On a ramp, in a gate and in gates inside it: one that is always open, and one that is not."""
+    x, a = Input("x"), Param("a", 1.0)
+    inside = [2.0 * a, b.enabled(2.0 * a, by=Param("open", 1.0)), b.enabled(2.0 * a, by=b.white_noise(1))]
+    outputs = {"a": a} | {f"y{k}": b.enabled(v, by=x) for k, v in enumerate(inside)}
+    proc = stimlib.compile(Scene(outputs), 1000)
+    for on in (np.ones(200, bool), np.random.default_rng(0).random(200) < 0.7):
+        proc.set("a", proc.params["a"] + 1.0, 0.15)
+        y = proc.process(np.where(on, 1.0, -1.0)[None])
+        wanted = np.where(on, 2.0 * y[0], 0.0)
+        assert_same(y[1], wanted)
+        assert_same(y[2], wanted)
+        assert_same(y[3], np.where(y[3] == 0.0, 0.0, wanted))
+        assert 40 < np.sum(y[3] != 0.0) < 160
+
+
+def test_what_is_in_a_closed_gate_rests():
+    """For whole tiles: another gate, and a block that remembers its last input."""
+    place = 3.0 * b.first_order(b.white_noise(1), 0.01)
+    inside = {"noise": b.enabled(b.white_noise(2), by=Param("open", 1.0)), "bump": b.bump(place, "sawtooth", 0.5)}
+    scene = Scene({name: b.enabled(v, by=Input("x")) for name, v in inside.items()})
+    on = np.repeat([1.0, 0.0, 1.0, 0.0], [70, 130, 70, 64])
+    fast, slow = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
+    assert_same(fast.process(on[None]), slow.process(on[None]))
+    assert_same(fast.state, slow.state)
+
+
 def test_two_gates_own_two_copies():
     """The same noise, shared, behind two gates: each gets the stream from its start."""
     noise = b.white_noise(1, shared=True)

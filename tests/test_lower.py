@@ -144,6 +144,76 @@ def test_order_of_running_is_children_first():
     assert opened == [2] and program.parents == [-1, -1, 1]
 
 
+def low(y, tau=0.01):
+    return blocks.first_order(y, tau)
+
+
+def after(y, count):
+    for _ in range(count):
+        y = 0.5 * y - 0.25
+    return y
+
+
+Z = Input("z")
+PAIRS = {
+    "one after the other": low(low(x), 0.02),
+    "a few blocks before the second": low(x) + low(after(blocks.delay(Z, 3), 3), 0.02),
+    "many blocks before the second": low(x) + low(after(Z, 30), 0.02),
+    "noise, which runs before sample 0": low(x) + low(blocks.pink_noise(1.0, 3, f_low=20.0) + 2.0, 0.02),
+    "one of them in a gate": low(x) + blocks.enabled(low(blocks.white_noise(1), 0.02), by=Z),
+    "in and out of a gate": low(blocks.white_noise(1)) + blocks.enabled(low(blocks.white_noise(2), 0.02), by=Z),
+    "behind a gate": low(x) + low(blocks.enabled(low(2.0 * blocks.white_noise(1)), by=Z) * x, 0.02),
+    "three": low(x) + low(Z, 0.02) + low(Z, 0.03),
+    "in contact": blocks.velocity(x, 50.0, contact=Z) + blocks.velocity(Z, 60.0, contact=x),
+}
+
+
+@pytest.mark.parametrize("block", PAIRS.values(), ids=PAIRS)
+def test_two_recursions_side_by_side_are_what_each_is_alone(block):
+    """What may run in one loop, and what seems so."""
+    fast, slow = (stimlib.compile(Scene({"y": block}), 1000, target) for target in ("numba", "python"))
+    u = np.random.default_rng(7).standard_normal((len(fast.inputs), 90))
+    assert_same(fast.state, slow.state)
+    assert_same(fast.process(u), slow.process(u))
+    assert_same(fast.state, slow.state)
+
+
+class Ahead(NamedTuple):
+    gain: float
+    more: float
+
+
+class Behind(NamedTuple):
+    more: float
+    gain: float
+
+
+class Sum(NamedTuple):
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class Leaky(Block):
+    """Of one class, with parameters of two kinds."""
+
+    x: Block
+    ahead: bool
+
+    def design(self, fs):
+        return Ahead(0.5, 2.0) if self.ahead else Behind(2.0, 0.5), Sum(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        y = p.gain * s.y + p.more * x
+        return y, Sum(y)
+
+
+def test_recursions_of_one_class_and_two_kinds():
+    u = np.random.default_rng(7).standard_normal((1, 20))
+    fast, slow = (stimlib.compile(Scene({"y": Leaky(x, True) - Leaky(2.0 * x, False)}), 1000, t) for t in ("numba", "python"))
+    assert_same(fast.process(u), slow.process(u))
+
+
 def test_live_numbers_stay_on_their_own_clock():
     a = Param("a", 1.0)
     program = lower({"y": blocks.enabled(a * blocks.white_noise(1), by=x) + a})

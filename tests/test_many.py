@@ -74,6 +74,12 @@ def test_one_motion_for_all(target):
     assert runs.process(np.zeros((2, 0))).shape == (5, 2, 0)
 
 
+def test_more_outputs_than_inputs():
+    u = motions()[:, :1].copy()
+    y = made(scene=Scene({"a": 2.0 * x, "b": 3.0 * x, "c": blocks.delay(x, 1)})).process(u)
+    assert_same(y, np.stack([2.0 * u[:, 0], 3.0 * u[:, 0], np.pad(u[:, 0, :-1], ((0, 0), (1, 0)))], axis=1))
+
+
 def test_in_place_but_not_shifted():
     u = motions()
     wanted = made().process(u)
@@ -119,6 +125,15 @@ def test_state_and_reset(target):
     assert [p.seed for p in runs] == SEEDS[::-1]
     assert_same(runs.state, fresh[::-1])
     assert_same(runs.process(np.ascontiguousarray(u[::-1])), y[::-1])
+
+
+def test_a_copy_runs_alone():
+    u, proc = motions(), stimlib.compile(SCENE, FS, seed=3)
+    fresh, runs, wanted = proc.state, proc.many(SEEDS), made().process(motions())
+    for k in (4, 1):
+        assert_same(runs[k].process(u[k]), wanted[k])
+    assert_same(proc.state, fresh)
+    assert [p.index for p in runs] == [0, N, 0, 0, N]
 
 
 def test_more_seeds_than_are_remembered():
@@ -225,6 +240,17 @@ def test_a_wrong_block_says_what_is_wanted(target, bad, words):
 def test_copies_that_make_no_sense(seeds, threads, words):
     with pytest.raises(BadValue, match=words):
         stimlib.compile(SCENE, FS, "python").many(seeds, threads)
+
+
+def test_the_memory_of_copies_is_counted_to_the_byte(monkeypatch):
+    """What each runs in, and its state at sample 0."""
+    proc = stimlib.compile(Scene({"y": blocks.delay(x, 1000)}), FS)
+    each = proc.many([0])[0]._engine.nbytes + proc.state.nbytes
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each)
+    proc.many(range(3))
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each - 1)
+    with pytest.raises(BadValue, match="of 3 copies"):
+        proc.many(range(3))
 
 
 @both

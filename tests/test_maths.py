@@ -243,7 +243,7 @@ def test_copy_and_words():
     assert first == maths.words(a)[0]
 
 
-ODD = np.uint64(0x9E3779B97F4A7C15)
+ODD, HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(2**63 - 1)
 
 
 def test_pairs():
@@ -251,8 +251,9 @@ def test_pairs():
 
     @njit(error_model="numpy", inline="always")
     def helper(key, m):
-        a = native.as_float(key ^ (m * ODD))
-        return native.sqrt(a), native.where(a > 9e18, native.fma(a, 0.1, 3.0), -native.floor(a))
+        word = key ^ (m * ODD)
+        a = native.as_float(word)
+        return native.sqrt(a), native.where(word > HALF, native.fma(a, 0.1, 3.0), -native.floor(a))
 
     @njit(error_model="numpy")
     def compiled(key, first, z):
@@ -260,10 +261,11 @@ def test_pairs():
 
     def same(key, m):
         with np.errstate(over="ignore"):
-            a = maths.as_float(key ^ (m * ODD))
-        return maths.sqrt(a), maths.where(a > 9e18, maths.fma(a, 0.1, 3.0), -maths.floor(a))
+            word = key ^ (m * ODD)
+        a = maths.as_float(word)
+        return maths.sqrt(a), maths.where(word > HALF, maths.fma(a, 0.1, 3.0), -maths.floor(a))
 
-    for n in [1, 2, 3, 4, 5, 31, 32, 33, 34, 63, 64, 66]:
+    for n in [1, 2, 3, 4, 5, 16, 20, 31, 32, 33, 34, 48, 63, 64, 66]:
         key, first, room, z = np.uint64(n), np.uint64(2**63 + 5 * n), np.full(80, 7.0), np.empty(n)
         compiled(key, first, room[:n])
         maths.pairs(same, key, first, z)
@@ -304,15 +306,48 @@ def compiled_lines(q, x, z, y):
 
 
 def test_each():
-    """Any number of samples, and nothing written beyond them."""
+    """Any number of samples, and nothing written around them."""
     rng = np.random.default_rng(0)
-    for n in [1, 2, 7, 8, 9, 15, 16, 17, 63, 64]:
+    for n in [1, 2, 6, 7, 8, 9, 15, 16, 17, 63, 64]:
         x, z, q = rng.standard_normal(n) * 1e3, rng.standard_normal(n + 1), Line(*rng.standard_normal(2))
         x[n // 2], room, y = np.nan, np.full(80, 7.0), np.empty(n)
-        compiled_lines(q, x, z, room[:n])
+        compiled_lines(q, x, z, room[8 : 8 + n])
         maths.each(line, q, (x, z[1:]), y)
-        assert_same(room[:n], y, f"{n}")
-        assert (room[n:] == 7.0).all()
+        assert_same(room[8 : 8 + n], y, f"{n}")
+        assert (room[:8] == 7.0).all() and (room[8 + n :] == 7.0).all()
+
+
+SEVEN, THREE = np.uint64(7), np.uint64(3)
+
+
+def compared(q, x, z):
+    m = maths
+    up = m.where(x < z, 1.0 - x, 2.0 - m.flush(z))
+    return m.where(x != z, up, m.where(x >= z, m.where(x > 3.0, -x, 5.0 / -x), 4.0))
+
+
+def of_words(q, x, z):
+    m, u, v = maths, maths.bits(x), maths.bits(z)
+    same = m.where(u == v, m.unbits(v ^ SEVEN), m.as_float((u & v) + (SEVEN | v)))
+    return m.where(u > v, m.as_float(SEVEN - (u >> THREE)), same)
+
+
+@pytest.mark.parametrize("f", [compared, of_words])
+def test_what_is_done_side_by_side_is_what_each_does(f):
+    """nan, signs of zero, the largest words; numbers on the left."""
+    g = njit(type(f)(f.__code__, f.__globals__ | {"maths": native}, f.__name__), error_model="numpy", inline="always")
+
+    @njit(error_model="numpy")
+    def compiled(q, x, z, y):
+        lanes.each(g, q, (x, z), y)
+
+    edge = np.array([np.nan, 0.0, -0.0, 1.0, -2.5, 7.0, np.inf, -np.inf, maths.SILENT, 5e-324])
+    x, z = (np.ascontiguousarray(a.ravel()) for a in np.meshgrid(edge, edge))
+    y, wanted = np.empty(x.size), np.empty(x.size)
+    compiled(Line(0.0, 0.0), x, z, y)
+    with np.errstate(all="ignore"):
+        maths.each(f, (), (x, z), wanted)
+    assert_number(y, wanted)
 
 
 def test_tree_is_the_written_order():
@@ -366,6 +401,18 @@ def test_modes(size):
         assert_number(q, p, "state")
 
 
+def test_silence_of_modes():
+    """What TINY leaves of nothing, and what is flushed: the limit itself, and nothing above."""
+    limit = [maths.SILENT, -maths.SILENT, np.nextafter(maths.SILENT, 1), 0.9 * maths.SILENT, -1e-189, 5e-324, -0.0, 1e-190]
+    poles, r, rest = np.linspace(0.1, 0.9, 8), np.ones(8), np.zeros(8)
+    for x, weights, d in ((np.zeros(9), 1e10 * r, 0.0), (np.array(limit + limit[:3]), rest, 1.0)):
+        q, p, y, z = np.zeros(8), np.zeros(8), np.empty(x.size), np.empty(x.size)
+        compiled_modes(poles, weights, q, d, x, y, np.full(512, np.nan))
+        maths.modes(poles, weights, p, d, x, z, np.empty(512))
+        assert_same(y, z)
+        assert_same(q, p, "state")
+
+
 @njit(error_model="numpy")
 def compiled_memory(e, r, q, low, x, y, w):
     native.memory(e, r, q, low, x, y, w)
@@ -388,6 +435,32 @@ def test_memory(size, slow, counts):
         assert_number(y, z, f"{size} modes, {n} samples")
         assert_number(q, p, "state")
         assert_number(low, other, "second words")
+
+
+def test_long_sums_write_nothing_around_their_samples():
+    rng = np.random.default_rng(0)
+    taps, w, q = rng.standard_normal(8), rng.standard_normal(80), np.zeros(8)
+    for n in [1, 4, 7, 12, 20, 36, 44, 60]:
+        room = np.full((3, 200), 7.0)
+        y = room[:, 64 : 64 + n]
+        compiled_fir(taps, w[: n + 7], y[0])
+        compiled_modes(taps, taps, q, 1.0, w[:n], y[1], np.zeros(512))
+        compiled_memory(taps, taps, q, np.zeros(0), w[:n], y[2], np.zeros(512))
+        assert (room[:, :64] == 7.0).all() and (room[:, 64 + n :] == 7.0).all(), f"{n} samples"
+
+
+def test_memory_of_what_is_not_finite():
+    """There is no product with a d of 0: inf stays inf."""
+    for n in (3, 9):
+        x, got = np.zeros(n), []
+        x[-1] = np.inf
+        for f in (compiled_memory, maths.memory):
+            y, q, low = np.empty(n), np.zeros(8), np.zeros(8)
+            with np.errstate(all="ignore"):
+                f(np.full(8, 0.5), np.ones(8), q, low, x, y, np.zeros(512))
+            got.append(y)
+        assert_same(*got)
+        assert got[0][-1] == np.inf
 
 
 # Noise ---------------------------------------------------------------------------------------------------------------

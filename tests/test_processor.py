@@ -262,6 +262,42 @@ def test_a_setting_is_part_of_the_state_at_once(target):
     proc.state = state
     np.testing.assert_array_equal(proc.process(np.empty((0, 3))), 4.0)
     assert proc.params == {"a": 4.0}, "what a restored state goes towards"
+    assert proc.log == []
+
+
+@both
+def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
+    """Maps of parameters, here and in a gate, follow each set, ramp, state and reset."""
+    a = Param("a", 1.0)
+    proc = make({"a": a, "y": 2.0 * a + 1.0, "z": blocks.enabled(a * a, by=x)}, target=target)
+
+    def said(n=70):
+        y = proc.process(np.ones((1, n)))
+        assert_same(y[1:], np.stack([2.0 * y[0] + 1.0, y[0] * y[0]]))
+        return y[0]
+
+    fresh = proc.state
+    for change, wanted in (
+        (lambda: proc.set("a", 3.0, 0.0), 3.0), (lambda: setattr(proc, "state", fresh), 1.0),
+        (lambda: proc.set("a", 5.0, 0.0), 5.0), (proc.reset, 1.0), (lambda: proc.set("a", 0.5, 0.0), 0.5),
+    ):  # fmt: skip
+        assert (said() == said()).all()
+        change()
+        assert (said() == wanted).all()
+    for n in (2, 3, 64, 65, 66, 100):  # samples of ramp: some are left at the end of a tile, or of a call
+        wanted = proc.params["a"] + np.minimum(np.arange(1, 131) / n, 1.0)
+        proc.set("a", proc.params["a"] + 1.0, n / 1000)
+        np.testing.assert_allclose([*said(1), *said(129)], wanted, rtol=1e-14)
+
+
+@both
+def test_each_of_several_parameters_moves(target):
+    proc = make({"y": Param("a", 1.0) * Param("b", 2.0) * Param("c", 3.0)}, target=target)
+    nothing = np.empty((0, 100))
+    for name in proc.params:
+        before = proc.process(nothing)[0, -1]
+        proc.set(name, 2.0 * proc.params[name], 0.09)
+        np.testing.assert_allclose(proc.process(nothing)[0], before * (1 + np.minimum(np.arange(1, 101) / 90, 1.0)), rtol=1e-13)
 
 
 @both
@@ -380,6 +416,16 @@ def test_a_fault_names_output_and_sample(target):
     assert_same(y[0], u[1 - row])
     proc.reset()
     assert proc.fault is None
+
+
+@both
+@pytest.mark.parametrize("at", [1, 63, 64, 65, 128])
+def test_a_fault_fades_from_the_sample_before(target, at):
+    proc = make({"y": x}, target=target)
+    u = np.arange(1.0, 161.0)[None]
+    u[0, at] = np.nan
+    y = proc.process(u)[0]
+    np.testing.assert_allclose(y[at : at + 21], u[0, at - 1] * np.arange(20, -1, -1) / 20, rtol=1e-15)
 
 
 # state ---------------------------------------------------------------------------------------------------------------

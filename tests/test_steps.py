@@ -584,6 +584,53 @@ def summed_tile(p, s, x, y):
     return Contact(last, s.cold)
 
 
+def first_told(p, s, x):
+    return where(s.cold > 1.5, x + 100.0, x), Contact(x, 0.0)
+
+
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_the_first_contact_is_the_first_however_late_it_is(target):
+    """What design says of cold is there until a sample in contact."""
+    mine = own(
+        step=staticmethod(first_told), design=lambda self, fs: ((), Contact(0.0, 2.0)), resettable=True,
+        __annotations__={"x": Block, "contact": Block},
+    )  # fmt: skip
+    run = stimlib.compile(Scene({"y": mine(x, Input("touch"))}), 1000, target)
+    given = {"x": np.arange(1.0, 8.0), "touch": np.array([0, 0, 1, 1, 0, 1, 1.0])}
+    given = np.array([given[name] for name in run.inputs])
+    for cut in (7, 1):
+        y = np.concatenate([run.process(np.ascontiguousarray(given[:, k : k + cut]))[0] for k in range(0, 7, cut)])
+        assert y.tolist() == [0, 0, 103, 4, 0, 6, 7]
+        run.reset()
+
+
+def clearing_tile(p, s, x, y, w):
+    for i in range(w.size):
+        w[i] = 0.0
+    for i in range(x.size):
+        y[i] = x[i] + w[i]
+    return Contact(0.0, 0.0)
+
+
+def test_all_of_the_scratch_is_there_wherever_a_contact_begins():
+    """And as much as the block wants that wants most."""
+    much, little = (
+        own(
+            tile=staticmethod(clearing_tile), work=staticmethod(lambda p, size=size: size), resettable=True,
+            design=lambda self, fs: ((), Contact(0.0, 1.0)), __annotations__={"x": Block, "contact": Block},
+        )
+        for size in (1000, 64)
+    )  # fmt: skip
+    for classes in ((much, little), (little,)):
+        blocks = {f"y{k}": cls(x, Input("touch")) for k, cls in enumerate(classes)}
+        run = stimlib.compile(Scene(blocks), 1000)
+        for begin in (1, 8, 40, 63):
+            touch = np.arange(64.0) >= begin
+            given = {"x": np.arange(1.0, 65.0), "touch": touch.astype(float)}
+            y = run.process(np.array([given[name] for name in run.inputs]))
+            assert_same(y, np.stack([given["x"] * touch] * len(classes)))
+
+
 @pytest.mark.parametrize("first", [1.0, 2.0])
 @pytest.mark.parametrize("target", ["python", "numba", "jax"])
 def test_the_engine_alone_says_where_a_contact_begins(target, first):

@@ -82,6 +82,34 @@ def test_over_any_movement_the_bumps_add_up_to_their_integral(waveform, duty, pa
     assert abs(np.sum(y[1:] * np.diff(u)) - (integral(waveform, u[-1], duty) - integral(waveform, u[0], duty))) <= 1e-12
 
 
+@pytest.mark.parametrize("waveform", ["sine", "sawtooth"])
+def test_one_sample_of_another_duty(waveform):
+    """In a tile of one duty, wherever it is."""
+    procs = [bumps(waveform, Input("d"), target) for target in ("numba", "python")]
+    for at in (0, 1, 40, 63):
+        given = {"u": np.arange(64) * 0.011, "d": np.where(np.arange(64) == at, 0.6, 0.3)}
+        one, other = (p.process(np.array([given[name] for name in p.inputs])) for p in procs)
+        assert_same(one, other)
+
+
+def test_no_rounding_leaves_0_to_1():
+    u = np.cumsum(np.random.default_rng(0).standard_normal(20_000) * 3)
+    for waveform, duty in (("square", 1.0), ("square", 0.7), ([1.0, 1.0], 1.0), ("sine", 0.1), ([0.0, 0.0], 0.3)):
+        y = bumps(waveform, duty).process(u[None])
+        assert y.min() >= 0.0 and y.max() <= 1.0
+
+
+@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("sampling", ["area", "point"])
+def test_standing_at_an_edge(sampling, target):
+    """A ridge begins with its first place and ends before its last."""
+    for waveform, first in (("square", 1.0), ("sawtooth", 0.0), ("sine", 0.0), ("half_sine", 0.0), ([0.75, 1.0], 0.75)):
+        proc = bumps(waveform, 0.25, target, sampling=sampling)
+        for u, e in ((0.25, 0.0), (-0.75, 0.0), (3.0, first), (-1e-17, first)):
+            proc.reset()
+            np.testing.assert_allclose(proc.process(np.full((1, 9), u)), e, atol=1e-15)
+
+
 @shapes
 @pytest.mark.parametrize("duty", [0.05, 0.5, 0.8, 1.0])
 def test_each_sample_is_the_mean_over_its_movement(waveform, duty):

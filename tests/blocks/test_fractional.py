@@ -204,6 +204,12 @@ def test_all_rates_and_horizons_compile():
             np.testing.assert_allclose(f[0], np.array([0, 1, 0.5]) * fs**0.5, rtol=1e-15)
 
 
+def test_the_longest_horizon_is_the_longest_run():
+    with pytest.raises(BadValue, match="longer than any run"):
+        stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=np.nextafter(2.0**62, np.inf))}), 1.0, "python")
+    stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=2.0**62)}), 1.0, "python")
+
+
 # The continuous derivative -------------------------------------------------------------------------------------------
 def of_ramp(t, alpha, speed, until):
     """D^alpha of a ramp that stops."""

@@ -6,6 +6,7 @@ import pytest
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import loading, velocity
+from stimlib.blocks.impedance import step_peak
 
 x = Input("x")
 
@@ -46,3 +47,10 @@ def test_the_default_is_twice_the_answer_to_one_encoder_step(fs, cutoff):
     gated = stimlib.compile(Scene({"g": loading(velocity(x, cutoff), resolution=q)}), fs)
     (p,) = [p for (p, _), i in zip(gated.design, gated.program.instances, strict=True) if type(i.block).__name__ == "Loading"]
     assert p.off == pytest.approx(2 * peak, rel=1e-3) and p.on == 2 * p.off
+
+
+def test_the_default_of_any_cutoff():
+    """Far below the sample rate the answer is fs g (t g) exp(-t g), which has its top at t g = 1."""
+    for g in 10.0 ** np.arange(-14.0, -4.0):
+        cutoff = 1000.0 * g / (2 * np.pi)
+        assert step_peak(cutoff, 1000.0) == pytest.approx(1000.0 * g / np.e, rel=1e-4)

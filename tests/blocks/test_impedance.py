@@ -35,6 +35,25 @@ def test_off_contact_the_velocity_is_0_and_re_contact_is_no_jump():
     assert not y[800:].any()
 
 
+def test_one_sample_without_contact_or_with_it():
+    """Wherever it is in its tile."""
+    procs = [stimlib.compile(Scene({"v": velocity(x, 100.0, Input("touch"))}), 1000, t) for t in ("numba", "python")]
+    u = np.random.default_rng(0).standard_normal(64)
+    for at in (0, 1, 30, 62, 63):
+        for touch in (np.arange(64) != at, np.arange(64) == at):
+            rows = {"x": u, "touch": touch.astype(float)}
+            fast, slow = (p.process(np.array([rows[n] for n in p.inputs])) for p in procs)
+            np.testing.assert_array_equal(fast, slow)
+            assert not fast[0, ~touch].any()
+
+
+@pytest.mark.parametrize("contact", [0.0, -1.0])
+def test_without_any_contact_the_velocity_is_0(contact):
+    for target in ("numba", "python"):
+        proc = stimlib.compile(Scene({"v": velocity(x, 100.0, contact=contact)}), 1000, target)
+        assert not proc.process(np.arange(9.0)[None]).any()
+
+
 @pytest.mark.parametrize("tau", [1e-6, 1e-3, 0.05, 3.0, 1e6])
 @pytest.mark.parametrize("fs", [100.0, 8000.0])
 def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):

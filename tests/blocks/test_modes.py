@@ -8,6 +8,7 @@ import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import pink_noise, pinking, white_noise
 from stimlib.blocks.modes import PinkNoise
+from stimlib.blocks.noise import White, noise_key
 
 
 def design_of(proc, name):
@@ -41,6 +42,16 @@ def test_pink_noise_is_its_own_white_noise_filtered():
     modes = zip(p.p, p.r, q, strict=True)
     wanted = p.d * w + sum(r * lfilter([1], [1, -pole], w, zi=[pole * k])[0] for pole, r, k in modes)
     np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+def test_its_start_is_drawn_apart_from_its_white_noise():
+    block = PinkNoise(White(5, 2), 0.7, 20.0, 0.01)
+    p, s = block.design(2000)
+    keys = []
+    start = block.start(p, s, 9, lambda key, n: keys.append(key) or np.ones(n))
+    assert keys == [noise_key(9, 5, 2, 1)] and block.white.start((), block.white.design(2000)[1], 9).key == noise_key(9, 5, 2, 0)
+    assert not start.q[p.r == 0].any() and start.q[p.r != 0].all()
+    assert block.work(p) == 8 * 64
 
 
 def matches(start, k, p, w, y):
