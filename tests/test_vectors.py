@@ -57,3 +57,11 @@ def test_another_width_is_refused():
         env=os.environ | {"STIMLIB_VECTOR_BITS": "64"}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 1 and done.stderr.endswith("STIMLIB_VECTOR_BITS = 64: choose one of 512, 256, 128\n")
+
+
+def test_without_a_compiler_it_says_so():
+    text = 'import stimlib as s\ns.compile(s.Scene({"y": 1.0 * s.Input("x")}), 1000)'
+    done = subprocess.run(
+        [sys.executable, "-c", text], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+    )
+    assert done.returncode == 1 and done.stderr.endswith('is compiled: unset it, or take target="python"\n')

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import types as python
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from ...blocks import maps
@@ -37,28 +37,49 @@ class Lanes:
     def __init__(self, b: ir.IRBuilder, v: ir.Value):
         self.b, self.v = b, v
 
+    @property
+    def kind(self) -> ir.Type:
+        return self.v.type.element
+
+    def __bool__(self):
+        raise TypeError("lanes are not one truth value")  # as a < b < c asks for
+
     def like(self, x: Any) -> ir.Value:
-        """A number of the same kind, in every lane."""
+        """Lanes or a number of the same kind, in every lane; TypeError for others: numpy would turn one into the other."""
         if isinstance(x, Lanes):
-            return x.v
-        kind = self.v.type.element
-        return splat(self.b, ir.Constant(kind, float(x) if kind == DOUBLE else int(x)), self.v.type.count)
+            return x.are(self.kind)
+        if self.kind == DOUBLE:
+            return splat(self.b, ir.Constant(DOUBLE, float(x)), self.v.type.count)
+        if self.kind != I64 or not isinstance(x, (int, np.uint64)) or x < 0:
+            raise TypeError(f"{x!r} is of another kind")
+        return splat(self.b, ir.Constant(I64, int(x)), self.v.type.count)
+
+    def are(self, kind: ir.Type) -> ir.Value:
+        """The vector; TypeError where it is of another kind."""
+        if self.kind != kind:
+            raise TypeError(f"lanes of {self.kind}, not {kind}")
+        return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
         """As many of another kind."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
-        return Lanes(self.b, self.b.fneg(self.v))
+        return Lanes(self.b, self.b.fneg(self.are(DOUBLE)))
 
     def __abs__(self):
-        return Lanes(self.b, known(self.b, "fabs", self.v))
+        return Lanes(self.b, known(self.b, "fabs", self.are(DOUBLE)))
+
+
+TRUTH = ir.IntType(1)
 
 
 def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
-        name = of_floats if x.type.element == DOUBLE else of_words
+        name = of_floats if self.kind == DOUBLE else of_words
+        if not name or (self.kind == TRUTH and name not in ("and_", "or_", "xor")):
+            raise TypeError(f"lanes of {self.kind} have no such operation")
         return Lanes(self.b, getattr(self.b, name)(*((y, x) if swapped else (x, y))))
 
     return f
@@ -67,7 +88,7 @@ def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
 def _comparison(sign: str) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
-        if x.type.element == DOUBLE:
+        if self.kind == DOUBLE:
             return Lanes(self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y))
         return Lanes(self.b, self.b.icmp_unsigned(sign, x, y))
 
@@ -84,28 +105,42 @@ for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq"
     setattr(Lanes, f"__{_name}__", _comparison(_sign))
 
 
-def _lanes(*v: Any) -> tuple[ir.IRBuilder, list[ir.Value]]:
-    first = next(x for x in v if isinstance(x, Lanes))
-    return first.b, [first.like(x) for x in v]
+def _one_of(*v: Any) -> Lanes:
+    for x in v:
+        if isinstance(x, Lanes):
+            return x
+    raise TypeError("nothing but numbers")
 
 
-def _where(c: Lanes, x: Any, y: Any) -> Lanes:
-    some = next((v for v in (x, y) if isinstance(v, Lanes)), None) or Lanes(c.b, kernels.zeros(c.of(DOUBLE)))
-    return Lanes(c.b, c.b.select(c.v, some.like(x), some.like(y)))
+def _where(c: Any, x: Any, y: Any) -> Lanes:
+    truth = _one_of(c).are(TRUTH)
+    words = all(isinstance(v, np.uint64) for v in (x, y))
+    some = _one_of(x, y, Lanes(c.b, ir.Constant(c.of(I64 if words else DOUBLE), ir.Undefined)))
+    if some.kind == TRUTH:
+        raise TypeError("a truth value is no number")
+    return Lanes(c.b, c.b.select(truth, some.like(x), some.like(y)))
 
 
 def _known(name: str) -> Callable:
     def f(*v):
-        b, values = _lanes(*v)
-        return Lanes(b, known(b, name, *values))
+        some = _one_of(*v)
+        some.are(DOUBLE)
+        return Lanes(some.b, known(some.b, name, *map(some.like, v)))
 
     return f
 
 
+def _of(kind: ir.Type, code: Callable) -> Callable:
+    """What a function of one value of a kind does to stand-ins."""
+    return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
+
+
 TWINS: dict[str, Callable] = {
     "fma": _known("fma"), "sqrt": _known("sqrt"), "floor": _known("floor"), "where": _where,
-    "flush": lambda x: Lanes(x.b, kernels.flush(x.b, x.v)), "as_float": lambda x: Lanes(x.b, x.b.uitofp(x.v, x.of(DOUBLE))),
-    "bits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(I64))), "unbits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(DOUBLE))),
+    "flush": _of(DOUBLE, lambda b, v, x: kernels.flush(b, v)),
+    "as_float": _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE))),
+    "bits": _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64))),
+    "unbits": _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE))),
 }  # fmt: skip
 """What names of ``maths`` do to stand-ins."""
 
@@ -126,7 +161,6 @@ def twin(v: Any) -> Any:
     return bind(f) if isinstance(f, python.FunctionType) and f.__module__ not in (maths.__name__, native.__name__) else None
 
 
-@cache
 def bind(f: python.FunctionType) -> Callable | None:
     """A step or helper as a function of stand-ins; None where it uses what has no twin."""
     scope = {name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__}
@@ -135,7 +169,22 @@ def bind(f: python.FunctionType) -> Callable | None:
         return None
     if None in scope.values() or f.__closure__:
         return None
-    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope})
+    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope}, None, f.__defaults__)
+
+
+def fits(f: python.FunctionType, p_type: Any, p_kinds: str, count: int, step: bool = False) -> bool:
+    """Whether stand-ins for p (f: a float, u: np.uint64) and count floats go through a helper, or step, and a float comes out."""
+    vectors = [ir.VectorType(I64 if k == "u" else DOUBLE, 8) for k in p_kinds + "f" * count]
+    code = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), vectors), "rehearsal")
+    b = ir.IRBuilder(code.append_basic_block())
+    v = [Lanes(b, x) for x in code.args]
+    numbers, x = p_type(*v[: len(p_kinds)]) if p_kinds else (), v[len(p_kinds) :]
+    try:
+        made = bind(f)(numbers, (), *x)[0] if step else bind(f)(numbers, *x)  # type: ignore[misc]
+        x[0].like(made)
+    except Exception:  # whatever stand-ins do not know; bind gives None
+        return False
+    return True
 
 
 def _steps(b, step, p, x, y, n):
@@ -163,8 +212,21 @@ def steps(ctx, f, p, x, y, n):
     return types.void(f, p, x, y, types.int64), code
 
 
+def _fits_each(f: Any, p: Any, x: Any, y: Any) -> bool:
+    """Whether ``each`` can do with these types."""
+    kinds = "".join("u" if t == types.uint64 else "f" if t == types.float64 else "?" for t in p)
+    arrays = all(isinstance(a, types.Array) and (a.dtype, a.ndim, a.layout) == (types.float64, 1, "C") for a in (*x, y))
+    return arrays and "?" not in kinds and fits(f.dispatcher.py_func, getattr(p, "instance_class", None), kinds, len(x))
+
+
 @intrinsic
 def _each(ctx, f, p, x, y):
+    if not _fits_each(f, p, x, y):
+        raise TypingError(
+            "each takes float arrays without gaps, p a NamedTuple of numbers or (), and a helper of + - * /, comparisons and "
+            "where, fma, sqrt, floor, abs, flush that gives a float: write for i in range(y.size)"
+        )
+
     def code(c, b, sig, v):
         _, p, x, y = v
         numbers, helper = _numbers(b, sig.args[1], p), twin(f.dispatcher)
@@ -179,9 +241,14 @@ def _each(ctx, f, p, x, y):
                 cgutils.raw_memcpy(b, to, q, n, 8)
         *x, out = (b.select(few, to, q) for to, q in zip(room, (*x, y.data), strict=True))
         last = b.select(few, I64(0), b.sub(n, I64(8)))
-        with loop(b, I64(0), n, 8) as (i, _):
-            i = b.select(b.icmp_signed("<", i, last), i, last)  # the last eight may hold some that are there already
-            store(b, helper(numbers, *(Lanes(b, load(b, q, i)) for q in x)).v, out, i)
+        ends = cgutils.alloca_once(b, DOUBLE, 8)
+        with loop(b, I64(0), n, 8) as (i, _):  # the last eight, which may hold some of those before, first: x may be y
+            first = b.icmp_signed("==", i, I64(0))
+            i = b.select(first, last, b.sub(i, I64(8)))
+            samples = [Lanes(b, load(b, q, i)) for q in x]
+            store(b, samples[0].like(helper(numbers, *samples)), b.select(first, ends, b.gep(out, [i])))
+        with b.if_then(b.icmp_signed(">", n, I64(0))):
+            store(b, load(b, ends), out, last)
         with b.if_then(few):
             cgutils.raw_memcpy(b, y.data, out, n, 8)
         return c.get_dummy_value()
