@@ -1,7 +1,9 @@
 """Many copies of a scene at once: the bits of each are those of a processor of its own."""
 
+import gc
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -286,3 +288,15 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
     assert len(proc.many(range(5))) == 5
     with pytest.raises(BadValue, match="states and buffers of 50 copies.*limits.state_bytes.*STIMLIB_LIMITS"):
         proc.many(range(50))
+
+
+def test_what_a_thread_runs_lives_as_long_as_it():
+    """Its caller may have been interrupted, twice, and have gone."""
+    runs = made()
+    work, memory = runs._run, weakref.ref(runs[0]._engine)
+    del runs
+    gc.collect()
+    assert memory() is not None
+    del work
+    gc.collect()
+    assert memory() is None

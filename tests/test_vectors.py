@@ -186,3 +186,11 @@ class Decayed(Own):
 def test_a_helper_that_vectors_cannot_take_is_an_error(cls, why):
     with pytest.raises(SceneError, match=why):
         stimlib.compile(Scene({"y": cls(Input("x"))}), 1000.0)
+
+
+def test_without_a_compiler_it_says_so():
+    text = 'import stimlib as s\ns.compile(s.Scene({"y": 1.0 * s.Input("x")}), 1000)'
+    done = subprocess.run(
+        [sys.executable, "-c", text], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+    )
+    assert done.returncode == 1 and done.stderr.endswith('is compiled: unset it, or take target="python"\n')

@@ -104,8 +104,8 @@ def words(a):
 
 
 def each(f, p, x, y):
-    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper and p a NamedTuple of numbers or (): in compiled code,
-    several at once, and some twice; so y must be none of x."""
+    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper and p a NamedTuple of floats or (): in compiled code,
+    several at once.  An x may be y itself, but no part of it."""
     for i in range(y.size):
         y[i] = f(p, *(v[i] for v in x))
 

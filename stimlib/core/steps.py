@@ -110,6 +110,30 @@ def names(f: Callable) -> dict[str, Any]:
     return found
 
 
+@cache
+def _used(code: types.CodeType) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(n for n, _ in used(code)))
+
+
+def meaning(f: Any) -> tuple[Any, ...]:
+    """What the names in a function and its helpers stand for now: a notebook may run their cells again, and not its own."""
+    found: list[Any] = []
+    todo, seen = [f], {f}
+    while todo:
+        g = todo.pop()
+        for n in _used(g.__code__):
+            v = g.__globals__.get(n)
+            if isinstance(v, types.FunctionType) and v.__module__ != maths.__name__:
+                found.append((n, v, v.__code__, v.__defaults__))
+                todo += [v] if v not in seen else []
+                seen.add(v)
+            elif isinstance(v, (int, float, np.generic)):
+                found.append((n, type(v), repr(v)))  # -0.0 is not 0.0
+            else:
+                found.append((n, v if isinstance(v, (type, types.ModuleType)) else id(v)))
+    return tuple(found)
+
+
 def check(f: Callable, tile: bool = False) -> None:
     """Raise SceneError, with file and line, where a step or tile uses what not every target takes alike.
 
@@ -148,6 +172,9 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
         for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
             if type(word) in _WORDS:
                 refuse(node, _WORDS[type(word)])
+        for default in filter(None, (*node.args.defaults, *node.args.kw_defaults)) if isinstance(node, ast.FunctionDef) else ():
+            if any(isinstance(n, ast.Name) for n in ast.walk(default)):
+                refuse(default, f"write the default {ast.unparse(default)!r} as a number, or use it as a name inside")
         if isinstance(node, ast.For):
             call = node.iter
             if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):

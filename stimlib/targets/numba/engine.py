@@ -61,7 +61,7 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
     """Text of a function under a name, after that of every helper, constant and NamedTuple it uses."""
     for n, v in steps.names(f).items():
         if n in done:
-            if done[n] is not v and not (isinstance(v, (int, float)) and done[n] == v):
+            if done[n] is not v and not (isinstance(v, (int, float)) and type(done[n]) is type(v) and repr(done[n]) == repr(v)):
                 raise SceneError(f"{f.__qualname__}: {n!r} means different things in its helpers; rename one")
             continue
         done[n] = v
@@ -98,9 +98,7 @@ def _tuple_text(name: str, t: type) -> str:
 
 
 @memo
-def _segment(
-    cls: type, code: types.CodeType, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1
-):
+def _segment(cls: type, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1):
     """The segment of a block class whose parameters and states have these kinds of fields, or that of two blocks side by side."""
     f = cls.tile or cls.step  # type: ignore[attr-defined]
     steps.source(f)  # an error here names the step, not the first of its helpers
@@ -120,7 +118,7 @@ def _segment(
     if cls.tile:  # type: ignore[attr-defined]
         scratch = ["w"] if cls.work else []  # type: ignore[attr-defined]
         lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
-    elif inputs and not s_kinds and set(p_kinds) <= {"f"} and lanes.in_vectors(f, p_type, inputs):
+    elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.in_vectors(f, p_type, p_kinds, inputs):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
         lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
     else:
@@ -134,6 +132,8 @@ def _segment(
     text = "\n".join(out)
     try:
         return load(text, _owner(cls).__name__)
+    except SceneError as e:  # of lanes
+        raise SceneError(f"{place(f)}{cls.__name__}.tile: {e}") from None
     except (numba.core.errors.NumbaError, TypeError) as e:
         name = "tile" if f is cls.tile else "step"  # type: ignore[attr-defined]
         raise SceneError(f"{_line(e, text, f)}{cls.__name__}.{name}: it does not compile: {_said(e)}") from e
@@ -271,7 +271,8 @@ class Engine:
                 contact = instances[q.args[-1]] if cls.resettable else None
                 resets = contact is not None and not _always(contact)
                 count = len(q.args) - cls.resettable
-                segment = _segment(cls, f.__code__, type(p), _kinds(p), type(s), _kinds(s), count, len(together))
+                code = f.__code__, () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
+                segment = _segment(cls, code, type(p), _kinds(p), type(s), _kinds(s), count, len(together))
                 address, words, at = segment._sl_segment.address, [], []
                 for k in together:
                     self.segments[k] = segment.__name__
@@ -342,7 +343,13 @@ class Engine:
     def together(engines: Sequence[Engine]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
         """run(turn, x, out), for each of several threads: what of copies of one program no other thread has taken, without
         Python's lock.  turn is one number, 0 at the start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit."""
-        return partial(_together().process, np.array([e.ctx.ctypes.data for e in engines]))
+        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _together().process
+
+        def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)) -> None:
+            """A thread whose caller was interrupted goes on for a while: what it runs lives as long."""
+            process(contexts, turn, x, out)
+
+        return run
 
     @staticmethod
     def start(block: Block, p: Any, s: Any, seed: int) -> Any:

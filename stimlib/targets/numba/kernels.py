@@ -32,6 +32,8 @@ WIDER = {512: (), 256: ("avx512",), 128: ("avx", "fma", "f16c", "vaes", "vpclmul
 def features() -> str:
     """What programs are built for: what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out."""
     config: Any = numba.config
+    if config.DISABLE_JIT:
+        raise BadValue('NUMBA_DISABLE_JIT is set, and target="numba" is compiled: unset it, or take target="python"')
     have = config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
     bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
     if bits not in map(str, WIDER):

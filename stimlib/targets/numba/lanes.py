@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import types as python
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from . import kernels, native
 from .kernels import DOUBLE, F8, I64, cases, known, load, loop, shuffle, splat, store
 from .native import I8
 
-I1 = ir.IntType(1)
 WIDTHS = 16, 2
 """Sixteen hide the latency of the operations; two are quickest where a sink asks for a sample or two."""
 
@@ -39,36 +37,48 @@ class Lanes:
     def __init__(self, b: ir.IRBuilder, v: ir.Value):
         self.b, self.v = b, v
 
+    @property
+    def kind(self) -> ir.Type:
+        return self.v.type.element
+
+    def __bool__(self):
+        raise TypeError("each lane has a truth value of its own: use where(c, a, b)")  # as a < b < c asks for
+
     def like(self, x: Any) -> ir.Value:
-        """A number of the same kind, in every lane."""
-        kind = self.v.type.element
+        """Lanes or a number of the same kind, in every lane; TypeError for others: numpy would turn one into the other."""
         if isinstance(x, Lanes):
-            if x.v.type != self.v.type:
-                raise TypeError("numbers, words and truth values are mixed")
-            return x.v
-        if not isinstance(x, np.uint64 if kind == I64 else (int, float)):  # np.float64 is a float
+            return x.are(self.kind)
+        if self.kind == DOUBLE:
+            return splat(self.b, ir.Constant(DOUBLE, float(x)), self.v.type.count)
+        if self.kind != I64 or not isinstance(x, (int, np.uint64)) or x < 0:
             raise TypeError(f"{x!r} is of another kind")
-        return splat(self.b, ir.Constant(kind, float(x) if kind == DOUBLE else int(x)), self.v.type.count)
+        return splat(self.b, ir.Constant(I64, int(x)), self.v.type.count)
+
+    def are(self, kind: ir.Type) -> ir.Value:
+        """The vector; TypeError where it is of another kind."""
+        if self.kind != kind:
+            raise TypeError(f"lanes of {self.kind}, not {kind}")
+        return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
         """As many of another kind."""
         return ir.VectorType(kind, self.v.type.count)
 
-    def __bool__(self):
-        raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
-
     def __neg__(self):
-        return Lanes(self.b, self.b.fneg(self.v))
+        return Lanes(self.b, self.b.fneg(self.are(DOUBLE)))
 
     def __abs__(self):
-        return Lanes(self.b, known(self.b, "fabs", self.v))
+        return Lanes(self.b, known(self.b, "fabs", self.are(DOUBLE)))
+
+
+TRUTH = ir.IntType(1)
 
 
 def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
-        name = of_floats if x.type.element == DOUBLE else of_words
-        if not name or (x.type.element == I1 and name not in ("and_", "or_", "xor")):
+        name = of_floats if self.kind == DOUBLE else of_words
+        if not name or (self.kind == TRUTH and name not in ("and_", "or_", "xor")):
             raise TypeError("a truth value is no number: write where(c, 1.0, 0.0)")
         return Lanes(self.b, getattr(self.b, name)(*((y, x) if swapped else (x, y))))
 
@@ -78,7 +88,7 @@ def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
 def _comparison(sign: str) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
-        if x.type.element == DOUBLE:
+        if self.kind == DOUBLE:
             return Lanes(self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y))
         return Lanes(self.b, self.b.icmp_unsigned(sign, x, y))
 
@@ -95,30 +105,42 @@ for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq"
     setattr(Lanes, f"__{_name}__", _comparison(_sign))
 
 
-def _lanes(*v: Any) -> tuple[ir.IRBuilder, list[ir.Value]]:
-    first = next(x for x in v if isinstance(x, Lanes))
-    return first.b, [first.like(x) for x in v]
+def _one_of(*v: Any) -> Lanes:
+    for x in v:
+        if isinstance(x, Lanes):
+            return x
+    raise TypeError("nothing but numbers")
 
 
-def _where(c: Lanes, x: Any, y: Any) -> Lanes:
-    if c.v.type.element != I1:
-        raise TypeError("where takes a comparison")
-    some = next((v for v in (x, y) if isinstance(v, Lanes)), Lanes(c.b, kernels.zeros(c.of(DOUBLE))))
-    return Lanes(c.b, c.b.select(c.v, some.like(x), some.like(y)))
+def _where(c: Any, x: Any, y: Any) -> Lanes:
+    truth = _one_of(c).are(TRUTH)
+    words = all(isinstance(v, np.uint64) for v in (x, y))
+    some = _one_of(x, y, Lanes(c.b, ir.Constant(c.of(I64 if words else DOUBLE), ir.Undefined)))
+    if some.kind == TRUTH:
+        raise TypeError("a truth value is no number")
+    return Lanes(c.b, c.b.select(truth, some.like(x), some.like(y)))
 
 
 def _known(name: str) -> Callable:
     def f(*v):
-        b, values = _lanes(*v)
-        return Lanes(b, known(b, name, *values))
+        some = _one_of(*v)
+        some.are(DOUBLE)
+        return Lanes(some.b, known(some.b, name, *map(some.like, v)))
 
     return f
 
 
+def _of(kind: ir.Type, code: Callable) -> Callable:
+    """What a function of one value of a kind does to stand-ins."""
+    return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
+
+
 TWINS: dict[str, Callable] = {
     "fma": _known("fma"), "sqrt": _known("sqrt"), "floor": _known("floor"), "where": _where,
-    "flush": lambda x: Lanes(x.b, kernels.flush(x.b, x.v)), "as_float": lambda x: Lanes(x.b, x.b.uitofp(x.v, x.of(DOUBLE))),
-    "bits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(I64))), "unbits": lambda x: Lanes(x.b, x.b.bitcast(x.v, x.of(DOUBLE))),
+    "flush": _of(DOUBLE, lambda b, v, x: kernels.flush(b, v)),
+    "as_float": _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE))),
+    "bits": _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64))),
+    "unbits": _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE))),
 }  # fmt: skip
 """What names of ``maths`` do to stand-ins."""
 
@@ -139,7 +161,6 @@ def twin(v: Any) -> Any:
     return bind(f) if isinstance(f, python.FunctionType) and f.__module__ not in (maths.__name__, native.__name__) else None
 
 
-@cache
 def bind(f: python.FunctionType) -> Callable | None:
     """A step or helper as a function of stand-ins; None where it uses what has no twin."""
     scope = {name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__}
@@ -148,7 +169,7 @@ def bind(f: python.FunctionType) -> Callable | None:
         return None
     if None in scope.values() or f.__closure__:
         return None
-    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope})
+    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope}, None, f.__defaults__)
 
 
 def number(b: ir.IRBuilder, v: Any) -> ir.Value:
@@ -158,25 +179,27 @@ def number(b: ir.IRBuilder, v: Any) -> ir.Value:
     return v.v if isinstance(v, Lanes) else Lanes(b, kernels.zeros(kernels.V8)).like(v)
 
 
-def fault(helper: Callable | None, p_type: Any, kinds: list[ir.Type]) -> str:
-    """Why a helper(p, *x) of numbers or words cannot run in vectors, or nothing.  It is tried."""
+def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str:
+    """Why a helper(p, *x) cannot run in vectors, or nothing; f: a float, u: np.uint64.  It is tried."""
     if helper is None:
         return "it uses what they do not have"
-    b = ir.IRBuilder(ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), []), "trial").append_basic_block())
-    p = p_type(*(Lanes(b, kernels.zeros(kernels.V8)) for _ in p_type._fields)) if hasattr(p_type, "_fields") else ()
+    vectors = [ir.VectorType(I64 if k == "u" else DOUBLE, 8) for k in p_kinds + kinds]
+    trial = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), vectors), "trial")
+    b = ir.IRBuilder(trial.append_basic_block())
+    v = [Lanes(b, x) for x in trial.args]
     try:
-        y = helper(p, *(Lanes(b, ir.Constant(ir.VectorType(kind, 8), ir.Undefined)) for kind in kinds))
-        for v in y if isinstance(y, tuple) else (y,):
-            number(b, v)
+        y = helper(p_type(*v[: len(p_kinds)]) if p_kinds else (), *v[len(p_kinds) :])
+        for one in y if isinstance(y, tuple) else (y,):
+            number(b, one)
     except Exception as e:  # of an author's code
         return str(e)
     return ""
 
 
-def in_vectors(step: Any, p_type: Any, inputs: int) -> bool:
+def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
     """Whether a step without state can run in vectors."""
     run = twin(step)
-    return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, [DOUBLE] * inputs)
+    return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, p_kinds, "f" * inputs)
 
 
 def _steps(b, step, p, x, y, n):
@@ -212,11 +235,11 @@ def steps(ctx, f, p, x, y, n):
     return types.void(f, p, x, y, types.int64), code
 
 
-def _helper(f: Any, p_type: Any, kinds: list[ir.Type]) -> Callable:
+def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str) -> Callable:
     """What each and pairs run; an error for the author where it cannot be."""
     helper = twin(f.dispatcher)
-    call = helper if p_type is not None else helper and (lambda p, *x: helper(*x))
-    if why := fault(call, p_type, kinds):
+    call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
+    if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
             f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. They have arithmetic, comparisons, abs, "
             f"{', '.join(TWINS)} and helpers of these; else write a loop over the samples in place of each(..)"
@@ -226,10 +249,16 @@ def _helper(f: Any, p_type: Any, kinds: list[ir.Type]) -> Callable:
 
 @intrinsic
 def _each(ctx, f, p, x, y):
-    floats = isinstance(p, types.BaseTuple) and all(t == types.float64 for t in getattr(p, "types", ()))
-    if not (floats and isinstance(x, types.BaseTuple)):
-        raise SceneError("each(f, p, x, y): p must be a NamedTuple of floats or (), and x a tuple of arrays, such as (x,)")
-    helper = _helper(f, getattr(p, "instance_class", ()), [DOUBLE] * len(x))
+    tuples = isinstance(p, types.BaseTuple) and isinstance(x, types.BaseTuple)
+    known_kinds: dict[Any, str] = {types.float64: "f", types.uint64: "u"}
+    kinds = "".join(known_kinds.get(t, "?") for t in getattr(p, "types", "?"))
+    arrays = [(a.dtype, a.ndim, a.layout) for a in (*getattr(x, "types", ()), y) if isinstance(a, types.Array)]
+    if not tuples or "?" in kinds or arrays != [(types.float64, 1, "C")] * (len(x) + 1):
+        raise SceneError(
+            "each(f, p, x, y): p must be a NamedTuple of numbers or (), x a tuple of arrays, such as (x,), and all arrays of "
+            "floats without gaps; else write a loop over the samples"
+        )
+    helper = _helper(f, getattr(p, "instance_class", ()), kinds, "f" * len(x))
 
     def code(c, b, sig, v):
         _, p, x, y = v
@@ -245,9 +274,14 @@ def _each(ctx, f, p, x, y):
                 cgutils.raw_memcpy(b, to, q, n, 8)
         *x, out = (b.select(few, to, q) for to, q in zip(room, (*x, y.data), strict=True))
         last = b.select(few, I64(0), b.sub(n, I64(8)))
-        with loop(b, I64(0), n, 8) as (i, _):
-            i = b.select(b.icmp_signed("<", i, last), i, last)  # the last eight may hold some that are there already
-            store(b, number(b, helper(numbers, *(Lanes(b, load(b, q, i)) for q in x))), out, i)
+        ends = cgutils.alloca_once(b, DOUBLE, 8)
+        with loop(b, I64(0), n, 8) as (i, _):  # the last eight, which may hold some of those before, first: x may be y
+            first = b.icmp_signed("==", i, I64(0))
+            i = b.select(first, last, b.sub(i, I64(8)))
+            samples = [Lanes(b, load(b, q, i)) for q in x]
+            store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [i])))
+        with b.if_then(b.icmp_signed(">", n, I64(0))):
+            store(b, load(b, ends), out, last)
         with b.if_then(few):
             cgutils.raw_memcpy(b, y.data, out, n, 8)
         return c.get_dummy_value()
@@ -287,7 +321,7 @@ def operation(ctx, number, W, A, n):
 
 @intrinsic
 def _pairs(ctx, f, key, first, z, n):
-    helper = _helper(f, None, [I64, I64])
+    helper = _helper(f, (), "", "uu")
 
     def code(c, b, sig, v):
         key, first, z, n = v[1:]
