@@ -133,6 +133,8 @@ def check_place(path: str | os.PathLike) -> None:
         raise SinkError(f"cannot write the picture {path}: it is a folder")
     if Path(path).suffix.lower() not in FORMATS:
         raise SinkError(f"cannot write the picture {path}: its name must end in one of {', '.join(FORMATS)}")
+    if not Path(path).absolute().parent.is_dir():
+        raise SinkError(f"cannot write the picture {path}: the folder {Path(path).parent} is not there; make it first")
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:
