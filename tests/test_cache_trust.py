@@ -19,9 +19,9 @@ RUN = """
 import hashlib, os, sys, threading
 def run(number=0):
     import numpy as np
-    import stimlib
+    import stimlib, stimlib.blocks as b
     x, z = stimlib.Input("x"), stimlib.Input("z")
-    scene = stimlib.Scene({"y": x + z, "w": x + float(number)} if number % 2 else {"y": x + z})
+    scene = stimlib.Scene({"y": b.tanh(x + z), "w": b.sin(x + float(number))} if number % 2 else {"y": b.tanh(x + z)})
     y = stimlib.compile(scene, 1000).process(np.random.default_rng(1).standard_normal((2, 200)))
     return hashlib.sha256(y[0].tobytes()).hexdigest()
 """
@@ -133,7 +133,7 @@ def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
 
 @pytest.mark.parametrize("change", [open_to_all, open_to_a_group, of_a_stranger])
 def test_an_entry_of_a_stranger_is_not_run(folder, change):
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     text = (place / f"{place.name}.py").read_text()
     assert cache._sound(place, text)
     change(place)
@@ -141,7 +141,7 @@ def test_an_entry_of_a_stranger_is_not_run(folder, change):
 
 
 def test_an_entry_that_is_a_link_is_not_run(folder, tmp_path):
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     text = (place / f"{place.name}.py").read_text()
     place.rename(tmp_path / "planted")
     place.symlink_to(tmp_path / "planted")
@@ -149,7 +149,7 @@ def test_an_entry_that_is_a_link_is_not_run(folder, tmp_path):
 
 
 def test_an_entry_without_what_was_compiled_is_not_sound(folder):
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     text = (place / f"{place.name}.py").read_text()
     sums = json.loads((place / cache.SUMS).read_text())
     (place / cache.SUMS).write_text(json.dumps({name: s for name, s in sums.items() if name.endswith(".py")}))
@@ -157,7 +157,7 @@ def test_an_entry_without_what_was_compiled_is_not_sound(folder):
 
 
 def test_a_pipe_in_an_entry_is_not_waited_for(folder):
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     text = (place / f"{place.name}.py").read_text()
     code = next(p for p in files(place) if p.suffix == ".nbc")
     code.unlink()
@@ -168,7 +168,7 @@ def test_a_pipe_in_an_entry_is_not_waited_for(folder):
 # Damage --------------------------------------------------------------------------------------------------------------
 def test_every_flipped_bit_is_seen(folder):
     rng = np.random.default_rng(0)
-    for place in (entry(folder, "Add"), entry(folder, "runtime")):
+    for place in (entry(folder, "Tanh"), entry(folder, "runtime")):
         text = (place / f"{place.name}.py").read_text()
         for path in files(place):
             good = path.read_bytes()
@@ -228,7 +228,7 @@ def healed(made, tmp_path_factory):
     for what, (pattern, change) in DAMAGE.items():
         folder = tmp_path_factory.mktemp("damaged") / "cache"
         shutil.copytree(made[1], folder)
-        change(next(entry(folder, "Add").rglob(pattern)))
+        change(next(entry(folder, "Tanh").rglob(pattern)))
         found[what] = folder
     done = subprocess.run(
         [sys.executable, "-c", FORKS, *map(str, found.values())], env=environment(made[1]), capture_output=True, text=True
@@ -240,14 +240,14 @@ def healed(made, tmp_path_factory):
 def test_what_is_damaged_is_compiled_again(made, healed, what):
     samples, folder = healed[0][what]
     assert samples == made[0] and healed[1] == ""
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     assert cache._sound(place, (place / f"{place.name}.py").read_text())
     assert not list(folder.rglob("*.tmp"))
 
 
 def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
     """Sums that fit do not make code that fits."""
-    place = entry(folder, "Add")
+    place = entry(folder, "Tanh")
     code = next(place.rglob("*.nbc"))
     code.write_bytes(b"not a pickle")
     sums = json.loads((place / cache.SUMS).read_text())
@@ -287,7 +287,7 @@ def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
 
 # At once -------------------------------------------------------------------------------------------------------------
 def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
-    flip(next(entry(folder, "Add").rglob("*.nbc")))
+    flip(next(entry(folder, "Tanh").rglob("*.nbc")))
     assert {finish(p) for p in [process(ONE, folder) for _ in range(3)]} == {(made[0], "")}
     assert not list(folder.rglob("*.tmp"))
 
