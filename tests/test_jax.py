@@ -388,7 +388,7 @@ def test_affine_recursions(n, moving):
 
 
 def test_every_name_of_maths_has_a_twin():
-    of_arrays = {"fir", "modes", "memory", "copy", "words"}
+    of_arrays = {"fir", "modes", "memory", "copy", "words", "each", "pairs"}
     names = {n for n, v in vars(maths).items() if callable(v) and getattr(v, "__module__", "") == maths.__name__ and n[0] != "_"}
     assert names - of_arrays == set(traced.TWINS)
 
