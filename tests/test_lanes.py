@@ -237,6 +237,16 @@ def sign(p, x):
     return x > 0.0
 
 
+def between(p, x):
+    return where(0.0 < x < p.k, x, 0.0)
+
+
+def chosen(p, x):
+    if x > p.k:
+        return x
+    return 0.0 * x
+
+
 def in_place(p, s, a, y):
     copy(a, y)
     each(tripled, p, (y,), y)
@@ -250,6 +260,16 @@ def with_exp(p, s, a, y):
 
 def with_truth(p, s, a, y):
     each(sign, p, (a,), y)
+    return s
+
+
+def with_chain(p, s, a, y):
+    each(between, p, (a,), y)
+    return s
+
+
+def with_if(p, s, a, y):
+    each(chosen, p, (a,), y)
     return s
 
 
@@ -290,6 +310,7 @@ def test_each_in_place(size):
     [
         (with_exp, "cannot run in vectors: it uses what they do not have"),
         (with_truth, "cannot run in vectors: it returns no number"),
+        (with_chain, "cannot run in vectors: each lane has a truth value of its own"),
         (with_words, "without gaps"),
         (with_gaps, "without gaps"),
     ],
@@ -298,3 +319,8 @@ def test_each_in_place(size):
 def test_each_says_what_it_takes(f, why):
     with pytest.raises(SceneError, match=rf"test_lanes.py:\d+: Some.tile: .*({why}).*write a loop over the samples"):
         run(tiled(f), "numba", 64)
+
+
+def test_a_helper_of_each_is_straight_line():
+    with pytest.raises(SceneError, match="chosen: `if` chooses at run time"):
+        run(tiled(with_if), "numba", 64)

@@ -4,17 +4,14 @@ import hashlib
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numba import config
 
 import stimlib
-from stimlib import Block, Input, Param, Scene, SceneError
+from stimlib import Input, Param, Scene
 from stimlib import blocks as b
-from stimlib.core.maths import each, exp, where
 
 STRESS = bool(os.environ.get("STIMLIB_STRESS"))
 TEXT = """
@@ -60,132 +57,6 @@ def test_another_width_is_refused():
         env=os.environ | {"STIMLIB_VECTOR_BITS": "64"}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 1 and done.stderr.endswith("STIMLIB_VECTOR_BITS = 64: choose one of 512, 256, 128\n")
-
-
-# Steps and helpers of authors -------------------------------------------------------------------------------------------
-class At(NamedTuple):
-    t: float
-
-
-@dataclass(frozen=True, eq=False)
-class Own(Block, abstract=True):
-    x: Block
-
-    def design(self, fs):
-        return At(0.5), ()
-
-
-@dataclass(frozen=True, eq=False)
-class Pressed(Own):
-    @staticmethod
-    def step(p, s, x):
-        return x > p.t, s
-
-
-@dataclass(frozen=True, eq=False)
-class Between(Own):
-    @staticmethod
-    def step(p, s, x):
-        return where(0.0 < x < p.t, x, 0.0), s
-
-
-@dataclass(frozen=True, eq=False)
-class Gated(Own):
-    @staticmethod
-    def step(p, s, x):
-        return (x > p.t) * x, s
-
-
-@dataclass(frozen=True, eq=False)
-class Truth(Own):
-    @staticmethod
-    def step(p, s, x):
-        return where(x, 1.0, 0.0), s
-
-
-@dataclass(frozen=True, eq=False)
-class Both(Own):
-    @staticmethod
-    def step(p, s, x):
-        return where((x > 0.0) & (x < p.t), 2, 1) + 1, s
-
-
-@dataclass(frozen=True, eq=False)
-class One(Own):
-    @staticmethod
-    def step(p, s, x):
-        return 1.0, s
-
-
-@pytest.mark.parametrize("cls", [Pressed, Between, Gated, Truth, Both, One])
-def test_what_vectors_do_not_have_runs_as_it_is_meant(cls):
-    x = np.array([[-0.25, 0.25, 0.75, 1.25, 0.0, -0.0, np.nan, np.inf, 0.5]])
-    y = [stimlib.compile(Scene({"y": cls(Input("x"))}), 1000.0, target=target).process(x) for target in ("python", "numba")]
-    np.testing.assert_array_equal(*y)
-
-
-def chained(p, x):
-    return where(0.0 < x < p.t, x, 0.0)
-
-
-def compared(p, x):
-    return x > p.t
-
-
-def chosen(p, x):
-    if x > p.t:
-        return x
-    return 0.0 * x
-
-
-def decayed(p, x):
-    return exp(x)
-
-
-@dataclass(frozen=True, eq=False)
-class Chained(Own):
-    @staticmethod
-    def tile(p, s, x, y):
-        each(chained, p, (x,), y)
-        return s
-
-
-@dataclass(frozen=True, eq=False)
-class Compared(Own):
-    @staticmethod
-    def tile(p, s, x, y):
-        each(compared, p, (x,), y)
-        return s
-
-
-@dataclass(frozen=True, eq=False)
-class Chosen(Own):
-    @staticmethod
-    def tile(p, s, x, y):
-        each(chosen, p, (x,), y)
-        return s
-
-
-@dataclass(frozen=True, eq=False)
-class Decayed(Own):
-    @staticmethod
-    def tile(p, s, x, y):
-        each(decayed, p, (x,), y)
-        return s
-
-
-@pytest.mark.parametrize(
-    ("cls", "why"),
-    [
-        (Chained, "each lane has a truth value of its own"),
-        (Compared, "it returns no number"),
-        (Chosen, "`if` chooses at run time"),
-        (Decayed, "write a loop over the samples"),
-    ],
-)
-def test_a_helper_that_vectors_cannot_take_is_an_error(cls, why):
-    with pytest.raises(SceneError, match=why):
-        stimlib.compile(Scene({"y": cls(Input("x"))}), 1000.0)
 
 
 def test_without_a_compiler_it_says_so():

@@ -105,8 +105,13 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     True
     """
     check_place(path)
+    save(figure(rendering, spectra), path)
+
+
+def save(drawn: Figure, path: str | os.PathLike) -> None:
+    """Write a figure whole, at a place that ``check_place`` has found good."""
     data = io.BytesIO()
-    figure(rendering, spectra).savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
+    drawn.savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
     regular.publish(path, data.getvalue())
 
 
@@ -120,7 +125,7 @@ def check_place(path: str | os.PathLike) -> None:
     Raises
     ------
     SinkError
-        Another suffix, or a folder is there.
+        Another suffix; a folder is there, or none to write into.
 
     Examples
     --------

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.picture import check_place
+from ..analysis.picture import check_place, save
 from ..blocks import springpot
-from ..core import regular
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..run.processor import compile
@@ -165,7 +162,5 @@ def picture(speeds: list[Speed], path: str | os.PathLike) -> None:
     ax.grid(alpha=0.3)
     ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3, frameon=False, fontsize="small")
     fig.supxlabel(machine(), fontsize=6, color="0.4")
-    data = io.BytesIO()
     with rc_context({"svg.fonttype": "none"}):  # words stay words
-        fig.savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
-    regular.publish(path, data.getvalue())
+        save(fig, path)
