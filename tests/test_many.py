@@ -39,7 +39,7 @@ def alone(target, u, sets):
 @pytest.mark.parametrize(("threads", "block"), [(1, 1), (1, 400), (2, 63), (2, 400), (5, 65), (5, 200)])
 def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
     """Whatever is set where, in any number of threads, at any cut."""
-    monkeypatch.setattr("stimlib.run.processor.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
     u = motions()
     sets = {0: [Set(0, "a", 2.0, 0.0)], 1: [Set(70, "a", -1.0, 0.05), Set(300, "a", 3.0, 0.0)], 4: [Set(301, "a", 0.5, 0.2)]}
     runs = made(threads=threads)
@@ -185,7 +185,7 @@ def test_copies_run_without_pythons_lock():
 
 
 def test_an_error_in_another_thread_is_told(monkeypatch):
-    monkeypatch.setattr("stimlib.run.processor.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
     runs, began = made(), threading.Event()
 
     def broken(turn, x, out):
@@ -201,7 +201,7 @@ def test_an_error_in_another_thread_is_told(monkeypatch):
 
 
 def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr("stimlib.run.processor.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
     runs, free = made(), threading.Event()
     busy = runs._pool.submit(free.wait, 20)
     try:

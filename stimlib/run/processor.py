@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import html
 import logging
 import math
-import os
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import kind, pack
 from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
-from ..errors import BadValue, SceneError, StimlibError, UnknownName, shown
+from ..errors import BadValue, SceneError, StimlibError, UnknownName
+from .copies import Copies
+from .given import explain, key
+from .plan import Plan, PlanRow
 
 if TYPE_CHECKING:
     from ..targets.jax.function import Function
@@ -31,10 +29,6 @@ LONGEST = 2**62
 """Samples of the longest run."""
 
 
-WORTHWHILE = 2048
-"""Samples, of all copies together, for which it is worth while to wake another thread."""
-
-
 class Change(NamedTuple):
     """A call of ``Processor.set``: it acts from sample ``at`` on."""
 
@@ -42,37 +36,6 @@ class Change(NamedTuple):
     name: str
     value: float
     ramp: float
-
-
-def _key(seed: Any) -> int:
-    """The key of a run's noise."""
-    if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-        raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
-    return int(seed)
-
-
-def _length(values: Any) -> int | None:
-    """Of a sequence; None for anything else."""
-    try:
-        return len(values)
-    except TypeError:
-        return None
-
-
-def _explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
-    """Raise BadValue unless an array is what ``process`` takes."""
-    texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
-    wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
-    if not isinstance(a, np.ndarray):
-        raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
-    if not any(a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True)) for s in shapes):
-        raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
-    if a.dtype != np.float64:
-        raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
-    if not a.flags.c_contiguous:
-        raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
-    if name == "out" and not a.flags.writeable:
-        raise BadValue("process: out is read-only")
 
 
 @overload
@@ -227,8 +190,8 @@ class Processor:
             raise
         except (TypeError, AttributeError, IndexError, ValueError):
             pass
-        _explain("x", x, self.inputs, (len(self.inputs), None))
-        _explain("out", out, self.outputs, (len(self.outputs), x.shape[1]))
+        explain("x", x, self.inputs, (len(self.inputs), None))
+        explain("out", out, self.outputs, (len(self.outputs), x.shape[1]))
         if np.may_share_memory(x, out):
             raise BadValue("process: out and x share memory, shifted by a part of a row: use another array, or x itself")
         raise AssertionError("process refused arrays that look right")
@@ -288,7 +251,7 @@ class Processor:
             0 .. 2**64 - 1; None keeps the last one.
         """
         with self._lock:
-            self.seed = self.seed if seed is None else _key(seed)
+            self.seed = self.seed if seed is None else key(seed)
             if self.seed not in self._fresh:
                 self._engine.words = self._first(self.seed)
                 for clock in self._early:
@@ -459,192 +422,3 @@ class Processor:
         from ..core.response import response
 
         return response(self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float))
-
-
-class Copies(Sequence[Processor]):
-    """Copies of one processor that run together, in threads that never wait for Python.
-
-    Made by ``Processor.many``.  ``runs[k]`` is copy k, a ``Processor`` of its own: set, reset or process it alone, ask for its
-    state or its response.
-
-    Notes
-    -----
-    Threads take one copy after the other, so copies with more to do (an open gate) hold nobody up.  With target="python" they
-    run one after another.  As with a processor, while ``process`` runs in one thread no other may touch the copies.
-    """
-
-    def __init__(self, proc: Processor, seeds: Sequence[int], threads: int | None = None):
-        copies = _length(seeds)
-        if not copies:
-            raise BadValue(f"many: seeds = {seeds!r}: give one for each copy, such as range(64)")
-        self.threads = (os.cpu_count() or 1) if threads is None else threads
-        if not isinstance(self.threads, (int, np.integer)) or self.threads < 1:
-            raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
-        each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
-        limits.check("state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies")
-        self._all = [proc._copy(key, 8 + copies) for key in [_key(seed) for seed in seeds]]
-        self._run = proc._engine.together([p._engine for p in self._all])
-        self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")  # beside the one that calls
-
-    def __len__(self) -> int:
-        return len(self._all)
-
-    @overload
-    def __getitem__(self, k: int) -> Processor: ...
-    @overload
-    def __getitem__(self, k: slice) -> list[Processor]: ...
-    def __getitem__(self, k):
-        return self._all[k]
-
-    def __repr__(self):
-        return f"Copies({len(self)} of {self[0]!r}, {self.threads} threads)"
-
-    def process(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """The next n samples of every copy.
-
-        Parameters
-        ----------
-        x : ndarray, shape (n_inputs, n) or (copies, n_inputs, n), float64, C-contiguous
-            One motion for all, or one for each; as in ``Processor.process``.
-        out : ndarray, shape (copies, n_outputs, n), float64, C-contiguous, optional
-            Written and returned when given.
-
-        Returns
-        -------
-        ndarray, shape (copies, n_outputs, n)
-
-        Raises
-        ------
-        BadValue
-            A wrong shape, type or layout; an ``out`` that shares memory with x (``out`` may be x).  Nothing has run then.
-
-        Examples
-        --------
-        >>> import numpy as np, stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
-        >>> proc.many(seeds=[0, 0]).process(np.array([[[1.0, 2.0]], [[3.0, 4.0]]]))
-        array([[[2., 4.]],
-        <BLANKLINE>
-               [[6., 8.]]])
-        """
-        copies, inputs, outputs = len(self), self[0].inputs, self[0].outputs
-        _explain("x", x, inputs, (len(inputs), None), (copies, len(inputs), None))
-        n = x.shape[-1]
-        if out is None:
-            out = np.empty((copies, len(outputs), n))
-        _explain("out", out, outputs, (copies, len(outputs), n))
-        if np.may_share_memory(x, out) and not (x.shape == out.shape and x.ctypes.data == out.ctypes.data):
-            raise BadValue("process: out and x share memory: use another array, or x itself")
-        work = partial(self._run, np.zeros(1, np.int64), x if x.ndim == 3 else x[None], out)
-        helpers: list[Future] = []
-        try:
-            for _ in range(1, min(self.threads, copies, 1 + copies * n // WORTHWHILE)):
-                helpers.append(self._pool.submit(work))
-            work()
-        finally:
-            helpers = [h for h in helpers if not h.cancel()]  # whoever has not begun need not
-            wait(helpers)
-        for h in helpers:
-            h.result()
-        return out
-
-    def set(self, name: str, value: float | Sequence[float] | np.ndarray, ramp: float = 0.02) -> None:
-        """Change a parameter of all copies from their next sample on.
-
-        Parameters
-        ----------
-        name : str
-        value : float or sequence of float, shape (copies,)
-            One for all, or one for each; ``runs[k].set`` changes copy k alone.
-        ramp : float
-            Seconds; see ``Processor.set``.
-
-        Raises
-        ------
-        UnknownName, BadValue
-            As ``Processor.set``; not as many values as copies.  Nothing is changed then.
-
-        Examples
-        --------
-        >>> import stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=1000, target="python")
-        >>> runs = proc.many(seeds=range(3))
-        >>> runs.set("a", [1.0, 2.0, 3.0])
-        >>> runs[2].params
-        {'a': 3.0}
-        """
-        one = isinstance(value, str) or _length(value) is None
-        values = [value] * len(self) if one else self._each(value, f"set({name!r}): values")
-        settings = [p._setting(name, v, ramp) for p, v in zip(self, values, strict=True)]
-        for p, (v, seconds) in zip(self, settings, strict=True):
-            p.set(name, v, seconds)
-
-    def reset(self, seeds: Sequence[int] | None = None) -> None:
-        """Every copy back to sample 0, parameters at their initial values; with seeds, one for each, every noise gets new keys.
-
-        Raises
-        ------
-        BadValue
-            Not as many seeds as copies, or what is no seed.  Nothing is reset then.
-        """
-        keys = [p.seed for p in self] if seeds is None else [_key(seed) for seed in self._each(seeds, "reset: seeds")]
-        for p, key in zip(self, keys, strict=True):
-            p.reset(key)
-
-    @property
-    def state(self) -> np.ndarray:
-        """The state of each copy, shape (copies, words), uint64; assign it to go on from there.  See ``Processor.state``."""
-        return np.stack([p.state for p in self])
-
-    @state.setter
-    def state(self, words: np.ndarray) -> None:
-        states = [p._sound(w) for p, w in zip(self, self._each(words, "state: rows"), strict=True)]
-        for p, w in zip(self, states, strict=True):
-            p._go_on(w)
-
-    @property
-    def fault(self) -> list[tuple[str, int] | None]:
-        """Of each copy: (output, sample index) of its first non-finite sample, or None."""
-        return [p.fault for p in self]
-
-    def _each(self, values: Any, what: str) -> list[Any]:
-        """As many as there are copies."""
-        given = _length(values)
-        if given != len(self):
-            raise BadValue(
-                f"{what}: give one for each of {len(self)} copies, {f'not {values!r}' if given is None else f'got {given}'}"
-            )
-        return list(values)
-
-
-class PlanRow(NamedTuple):
-    """One line of a plan."""
-
-    number: int
-    kind: str
-    block: str
-    clock: str
-    args: tuple[int, ...]
-    autonomous: bool
-    segment: str
-
-
-class Plan(NamedTuple):
-    """What a processor runs, in order, and what rewriting removed."""
-
-    rows: list[PlanRow]
-    removed: list[str]
-    fs: float
-
-    def __str__(self):
-        clock = max(len(r.clock) for r in self.rows)
-        lines = [f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before sample 0)"]
-        for r in self.rows:
-            text = r.block if r.kind in ("block", "input", "const") else f"{r.kind} {r.block}"
-            args = ", ".join(map(str, r.args))
-            mark = "*" if r.autonomous else " "
-            lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
-        return "\n".join(lines + [f"removed: {t}" for t in self.removed])
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(shown(self))}</pre>"

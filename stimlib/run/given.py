@@ -1,0 +1,40 @@
+"""What callers give a processor: seeds and arrays, held against what it takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue
+
+
+def key(seed: Any) -> int:
+    """The key of a run's noise."""
+    if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
+        raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
+    return int(seed)
+
+
+def length(values: Any) -> int | None:
+    """Of a sequence; None for anything else."""
+    try:
+        return len(values)
+    except TypeError:
+        return None
+
+
+def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
+    """Raise BadValue unless an array is what ``process`` takes."""
+    texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
+    wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
+    if not isinstance(a, np.ndarray):
+        raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
+    if not any(a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True)) for s in shapes):
+        raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
+    if a.dtype != np.float64:
+        raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
+    if not a.flags.c_contiguous:
+        raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
+    if name == "out" and not a.flags.writeable:
+        raise BadValue("process: out is read-only")

@@ -1,0 +1,41 @@
+"""What a processor runs, as a table that people read."""
+
+from __future__ import annotations
+
+import html
+from typing import NamedTuple
+
+from ..errors import shown
+
+
+class PlanRow(NamedTuple):
+    """One line of a plan."""
+
+    number: int
+    kind: str
+    block: str
+    clock: str
+    args: tuple[int, ...]
+    autonomous: bool
+    segment: str
+
+
+class Plan(NamedTuple):
+    """What a processor runs, in order, and what rewriting removed."""
+
+    rows: list[PlanRow]
+    removed: list[str]
+    fs: float
+
+    def __str__(self):
+        clock = max(len(r.clock) for r in self.rows)
+        lines = [f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before sample 0)"]
+        for r in self.rows:
+            text = r.block if r.kind in ("block", "input", "const") else f"{r.kind} {r.block}"
+            args = ", ".join(map(str, r.args))
+            mark = "*" if r.autonomous else " "
+            lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
+        return "\n".join(lines + [f"removed: {t}" for t in self.removed])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(shown(self))}</pre>"
