@@ -34,14 +34,15 @@ lint: .venv/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# Three workers on two cores: a tenth of the tests wait for real time.
 test: lint
 	@sh tests/devices/install.sh
-	$(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup
+	$(ENV) $(BIN)/python -m pytest -q -n 3 --dist loadgroup
 
 # The same tests on the lowest versions that pyproject.toml allows, on the lowest Python.
 test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
-	$(ENV) .venv-lowest/bin/python -m pytest -q -n 2 --dist loadgroup
+	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
 
 # All tests at length; devices on servers without hardware at all rates, blocks and channels, a minute in real time.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv

@@ -55,11 +55,15 @@ def weights(scheme, alpha, n):
 
 def full(x, alpha, fs, at=None, scheme="gl", onset="rest", path=False):
     """h^-alpha sum_j v_j d[n-j] at these samples, the whole history in long double; with |d| where ``path``."""
-    x = x.astype(LD)
+    return _full(np.asarray(x, float).tobytes(), alpha, fs, tuple(range(len(x)) if at is None else at), scheme, onset, path)
+
+
+@cache  # the same for every tolerance
+def _full(x, alpha, fs, at, scheme, onset, path):
+    x = np.frombuffer(x).astype(LD)
     d = np.diff(x, prepend=x[0] if onset == "rest" else LD(0))
     d = np.abs(d) if path else d
     v = weights(scheme, alpha, x.size)
-    at = range(x.size) if at is None else at
     return LD(fs) ** LD(alpha) * np.array([np.dot(v[: n + 1], d[n::-1]) for n in at])
 
 
