@@ -169,7 +169,7 @@ def test_law_5b_response_is_the_physics(entry, fs, law):
 
 
 # 6 -------------------------------------------------------------------------------------------------------------------
-BAD = [
+BAD = [  # of the three each has its turn
     pytest.param(
         p.values[0], bad, id=f"{p.id}-{bad}", marks=[pytest.mark.stress] * (k % 3 != j)
     )  # of the three each has its turn
