@@ -1,26 +1,23 @@
-"""The springpot: error and time of its schemes, of the thesis' methods, of full sums, and of other packages.
+"""The springpot: its errors over a minute and an hour, and what it claims of its time.
 
-    python benchmarks/springpot.py              errors over a minute, then times; a picture of both
+    python benchmarks/springpot.py              errors over a minute, then times
     python benchmarks/springpot.py --long       errors over an hour at 1 and 8 kHz as well
-    python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem, pycaputo, differint
-    python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv, the picture in springpot.png
+    python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem
+    python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv
 
-Errors are against the full sum over the history in long double (64 bits) and, for smooth inputs, against the continuous
-derivative.  A method that is not installed is left out.  Times: jobs take turns in one process, medians of the rounds.
+Errors are against the full sum over the history in long double (64 bits).  Times: jobs take turns in one process, medians of the
+rounds.  Other methods beside it: ``stimlib bench --work-precision FOLDER --only springpot_gl --only springpot_l1``.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
 from functools import cache, partial
 
 import mpmath
 import numpy as np
-from bench import NS, RESULTS, TIMES, options, row, save
+from bench import NS, TIMES, options, row, save
 from scipy import signal
-from scipy.special import rgamma
 
 import stimlib
 from stimlib import Input, Scene
@@ -76,19 +73,6 @@ def movement(kind: str, n: int, fs: float) -> np.ndarray:
     return sum(0.003 * a * np.sin(2 * np.pi * f * t + p) for a, f, p in zip(*parts, strict=True))
 
 
-def derivative(kind: str, t: np.ndarray, alpha: float) -> np.ndarray | None:
-    """The continuous derivative of a movement that begins at rest."""
-    if kind == "ramp":
-        return 0.02 * rgamma(2 - alpha) * (t ** (1 - alpha) - np.maximum(t - 0.5, 0) ** (1 - alpha))
-    if kind != "sinusoid":
-        return None
-    w, h = 2 * np.pi, 0.15
-    u = np.arange(-40, 14, h)
-    cut = h * np.exp((1 + alpha) * u) / (1 + np.exp(2 * u)) * w**alpha
-    past = np.concatenate([np.exp(-np.outer(part, w * np.exp(u))) @ cut for part in np.array_split(t, max(1, t.size // 2000))])
-    return 0.01 * (w**alpha * np.sin(w * t + alpha * np.pi / 2) - np.sin(np.pi * alpha) / np.pi * past)
-
-
 def spots(n: int, many: int) -> list[int]:
     return sorted({int(k) for k in np.geomspace(1, n - 1, many)})
 
@@ -128,130 +112,6 @@ def errors(fs: float, seconds: float, tols: list[float], many: int) -> list[dict
     worst = max(r["error_over_max"] for r in out if r["tol"] == min(tols))  # type: ignore[type-var]
     kept = sum(bool(r["kept"]) for r in out)
     print(f"{fs:g} Hz, {seconds:g} s: kept in {kept} of {len(out)} cases; tol {min(tols):g}: {worst:.2g} of max")
-    return out
-
-
-# Methods -------------------------------------------------------------------------------------------------------------
-def ours(fs: float, alpha: float, block: int | None = None, **kw) -> Callable[[np.ndarray], np.ndarray]:
-    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, **kw)}), fs)
-
-    def run(x):
-        proc.reset()
-        if block is None:
-            return proc.process(x[None])[0]
-        out = np.empty((1, x.size))
-        for k in range(0, x.size, block):
-            out[:, k : k + block] = proc.process(np.ascontiguousarray(x[None, k : k + block]))
-        return out[0]
-
-    return run
-
-
-def fft_sum(fs: float, alpha: float, n: int) -> Callable[[np.ndarray], np.ndarray]:
-    v = gl_weights(alpha, n).astype(float) * fs**alpha
-    return lambda x: signal.oaconvolve(np.diff(x, prepend=x[0]), v)[: x.size]
-
-
-def direct_sum(fs: float, alpha: float, n: int) -> Callable[[np.ndarray], np.ndarray]:
-    v = gl_weights(alpha, n).astype(float) * fs**alpha
-
-    def run(x):
-        d = np.diff(x, prepend=x[0])[::-1].copy()
-        return np.array([np.dot(v[: k + 1], d[x.size - 1 - k :]) for k in range(x.size)])
-
-    return run
-
-
-def oustaloup(fs: float, alpha: float, order: int, low: float = 1e-3) -> Callable[[np.ndarray], np.ndarray]:
-    """s^alpha between ``low`` Hz and fs/2 by 2 order + 1 poles and zeros, bilinear, second-order sections."""
-    wb, wh = 2 * np.pi * low, np.pi * fs
-    k = np.arange(-order, order + 1)
-    zeros, poles = (-wb * (wh / wb) ** ((k + order + (1 + sign * alpha) / 2) / (2 * order + 1)) for sign in (-1, 1))
-    sos = signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**alpha, fs))
-    return lambda x: signal.sosfilt(sos, x - x[0])
-
-
-def peers(fs: float, alpha: float, n: int) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """What is installed of fracmem, pycaputo and differint."""
-    found: dict[str, Callable[[np.ndarray], np.ndarray]] = {}
-    try:
-        from fracmem import CompressedFractionalFilter
-
-        for p in (8, 16, 32, 64):
-            made = CompressedFractionalFilter.from_analytic(alpha, 1 / fs, L=32, p=p, definition="caputo", j_max=n)
-
-            def stream(x, made=made):
-                made.reset_stream()
-                return np.array([made.step(v) for v in x])
-
-            found[f"fracmem, p = {p}, streaming"] = stream
-            found[f"fracmem, p = {p}, whole file"] = made.predict
-    except ImportError:
-        print("fracmem is not installed")
-    try:
-        from pycaputo.derivatives import CaputoDerivative  # noqa: F401
-        from pycaputo.differentiation import caputo, diff
-        from pycaputo.grid import make_uniform_points
-
-        points = make_uniform_points(n, 0, (n - 1) / fs)
-        found["pycaputo L1, whole file"] = lambda x: np.nan_to_num(diff(caputo.L1(alpha), x, points))
-    except ImportError:
-        print("pycaputo is not installed")
-    try:
-        from differint.differint import GL
-
-        found["differint GL, whole file"] = lambda x: GL(alpha, x, 0.0, (n - 1) / fs, n)
-    except ImportError:
-        print("differint is not installed")
-    return found
-
-
-def methods(fs: float, alpha: float, n: int, slow: bool) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    jobs: dict[str, Callable[[np.ndarray], np.ndarray]] = {}
-    for tol in TOLS:
-        jobs[f"springpot gl, tol {tol:g}"] = ours(fs, alpha, tol=tol)
-    for tol in (1e-4, 1e-10):
-        jobs[f"springpot l1, tol {tol:g}"] = ours(fs, alpha, scheme="l1", tol=tol)
-    jobs["springpot gl, tol 1e-10, blocks of 64"] = ours(fs, alpha, 64)
-    for scheme in ("gl-downsampled", "gl-short-memory"):
-        jobs[f"springpot {scheme} (thesis)"] = ours(fs, alpha, scheme=scheme, horizon=n / fs + 1)
-    jobs["full GL by FFT (oaconvolve), whole file"] = fft_sum(fs, alpha, n)
-    for order in (3, 6, 12, 24):
-        jobs[f"Oustaloup, {2 * order + 1} poles (scipy sosfilt)"] = oustaloup(fs, alpha, order)
-    if slow:
-        jobs["full GL, direct (numpy dot)"] = direct_sum(fs, alpha, n)
-        jobs |= peers(fs, alpha, n)
-    return jobs
-
-
-def work_and_precision(seconds: float, slow: bool, fs: float = 1000.0) -> list[dict[str, object]]:
-    """Nanoseconds per sample against error, every method on the same file."""
-    n = int(seconds * fs)
-    t = np.arange(n) / fs
-    out: list[dict[str, object]] = []
-    for alpha in (0.1, 0.5):
-        jobs = methods(fs, alpha, n, slow)
-        x = movement("sinusoid", n, fs)
-        quick = {}
-        for name, f in jobs.items():
-            start = time.perf_counter()
-            f(x)
-            quick[name] = time.perf_counter() - start < 0.05
-        took = medians(interleaved({m: partial(f, x) for m, f in jobs.items() if quick[m]}, 9, 1))
-        took |= medians(interleaved({m: partial(f, x) for m, f in jobs.items() if not quick[m]}, 2, 0))
-        for kind in ("sinusoid", "ramp"):
-            x = movement(kind, n, fs)
-            at = spots(n, 400)
-            wanted, exact = full_sum(differences(x), alpha, fs, at).astype(float), derivative(kind, t, alpha)
-            for name, f in jobs.items():
-                y = f(x)
-                out.append(
-                    {
-                        "method": name, "seconds": seconds, "alpha": alpha, "input": kind, "ns_per_sample": took[name] / n * 1e9,
-                        "error_to_full_gl": float(np.abs(y[at] - wanted).max() / np.abs(wanted).max()),
-                        "error_to_derivative": float(np.abs(y - exact)[1:].max() / np.abs(exact).max()),
-                    }
-                )  # fmt: skip
     return out
 
 
@@ -354,48 +214,6 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
     return out
 
 
-# Picture -------------------------------------------------------------------------------------------------------------
-def picture(rows: list[dict[str, object]]) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    seconds = min(r["seconds"] for r in rows)  # type: ignore[type-var]
-    rows = [r for r in rows if r["seconds"] == seconds and r["input"] == "sinusoid" and r["alpha"] == 0.5]
-    families = {
-        "springpot gl, tol": ("gl, tol 1e-4 .. 1e-14", "o-"), "springpot l1": ("l1, tol 1e-4, 1e-10", "s-"),
-        "springpot gl-downsampled": ("gl-downsampled (thesis)", "v"),
-        "springpot gl-short-memory": ("gl-short-memory (thesis)", "^"),
-        "full GL": ("full GL: direct, FFT", "D"), "Oustaloup": ("Oustaloup", "x-"), "fracmem": ("fracmem", "+"),
-        "pycaputo": ("pycaputo L1", "*"), "differint": ("differint GL", "P"),
-    }  # fmt: skip
-    another_sum = ("springpot l1", "pycaputo")
-    fig, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout="constrained")
-    for ax, field, text in zip(
-        axes, ("error_to_full_gl", "error_to_derivative"), ("the full GL sum", "the continuous derivative"), strict=True
-    ):
-        for family, (label, style) in families.items():
-            points = [r for r in rows if str(r["method"]).startswith(family) and "blocks" not in str(r["method"])]
-            if points and not (ax is axes[0] and family in another_sum):
-                error = [max(float(r[field]), 1e-17) for r in points]  # type: ignore[arg-type]
-                ax.plot(
-                    error,
-                    [r["ns_per_sample"] for r in points],
-                    style,
-                    label=label,
-                    ms=7,
-                    color=f"C{list(families).index(family)}",
-                )
-        ax.set(xscale="log", yscale="log", xlabel=f"error to {text}, of max")
-        ax.grid(True, which="major", alpha=0.3)
-    axes[0].set_ylabel("ns per sample")
-    axes[1].legend(fontsize=8)
-    fig.suptitle(f"1 Hz sinusoid from rest, {seconds:g} s at 1 kHz, alpha = 0.5")
-    RESULTS.mkdir(exist_ok=True)
-    fig.savefig(RESULTS / "springpot.png", dpi=110)
-
-
 def main() -> None:
     known = options(__doc__)
     known.add_argument("--long", action="store_true")
@@ -407,10 +225,6 @@ def main() -> None:
     if given.long:
         rows += errors(1000.0, 3600.0, [1e-14], 20) + errors(8000.0, 3600.0, [1e-14], 12)
     save("springpot_errors", rows, given.record)
-    work = work_and_precision(10.0, slow=True) + work_and_precision(60.0, slow=False)
-    save("springpot_work", work, given.record)
-    if given.record:
-        picture(work)
     save("springpot", [row(machine()), *claims()], given.record)
 
 

@@ -1,10 +1,9 @@
 """Pictures of the springpot: python docs/pictures/springpot.py writes springpot_*.svg beside itself and prints
 what reference/blocks/fractional.rst has.
 
-Everything is rendered by stimlib; springpot_work.svg is drawn from benchmarks/results.
+Everything is rendered by stimlib.
 """
 
-import csv
 from pathlib import Path
 
 import matplotlib as mpl
@@ -28,7 +27,6 @@ from stimlib.blocks.continuous import creep_compliance
 from stimlib.motion.generators import ramp_and_hold
 
 HERE = Path(__file__).parent
-RESULTS = HERE.parents[1] / "benchmarks" / "results"
 FS, W = 1000, 2 * np.pi  # the thesis' sample rate and frequency
 ORDERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 Y, F = Input("y", "m"), Input("f", "N")
@@ -198,51 +196,7 @@ def stiffness(chi0=300.0, depth=0.01):
     save(fig, "stiffness")
 
 
-# Work and precision --------------------------------------------------------------------------------------------------
-def work(seconds="10.0", alpha="0.5", movement="sinusoid"):
-    """What each method needs for a sample, and how near it comes."""
-    with (RESULTS / "springpot_work.csv").open(newline="") as f:
-        rows = [r for r in csv.DictReader(f) if (r["seconds"], r["alpha"], r["input"]) == (seconds, alpha, movement)]
-    with (RESULTS / "springpot.csv").open(newline="") as f:
-        machine = next(csv.DictReader(f))["what"]
-    families = (
-        ("springpot gl, tol", "springpot gl, tol 1e-4 .. 1e-14", "o-", "C0"),
-        ("springpot gl, tol 1e-10, blocks", "springpot gl, tol 1e-10, in blocks of 64", "o", "#7fb0ff"),
-        ("springpot l1", "springpot l1, tol 1e-4, 1e-10", "s-", "C3"),
-        ("springpot gl-downsampled", "thesis: 100 samples of all", "v", "C2"),
-        ("springpot gl-short-memory", "thesis: last 100 samples", "^", "C1"),
-        ("full GL, direct", "full GL, direct (numpy)", "D", "0.2"),
-        ("full GL by FFT", "full GL by FFT (scipy), whole file", "D", "0.6"),
-        ("Oustaloup", "Oustaloup, 7 .. 49 poles (scipy)", "x-", "C5"),
-        ("fracmem ... streaming", "fracmem, p = 8 .. 64, streaming", "+-", "C6"),
-        ("fracmem ... whole file", "fracmem, p = 8 .. 64, whole file", "1-", "C4"),
-        ("pycaputo", "pycaputo L1, whole file", "*", "C7"),
-        ("differint", "differint GL, whole file", "P", "C8"),
-    )
-    fig = Figure(figsize=(11, 6.2), layout="constrained")
-    axes = fig.subplots(1, 2, sharey=True)
-    for ax, field in zip(axes, ("error_to_full_gl", "error_to_derivative"), strict=True):
-        for start, label, style, color in families:
-            first, _, last = start.partition(" ... ")
-            points = [r for r in rows if r["method"].startswith(first) and r["method"].endswith(last)]
-            points = [r for r in points if ("blocks" in r["method"]) == ("blocks" in start)]
-            if ax is axes[0] and "L1" in label.upper():
-                points = []  # another sum
-            x, y = ([float(r[key]) for r in points] for key in (field, "ns_per_sample"))
-            ax.loglog(x, y, style, color=color, ms=7, lw=1, label=label)
-            if start == "springpot gl, tol" and ax is axes[0]:
-                for r, *at in zip(points, x, y, strict=True):
-                    exponent = f"1e{np.log10(float(r['method'].split()[-1])):.0f}"
-                    ax.annotate(exponent, at, (0, -15), textcoords="offset points", ha="center", fontsize=8)
-        ax.grid(alpha=0.3)
-    axes[0].set(xlabel="error to the full GL sum / largest force", ylabel="ns per sample", ylim=(3, 1e5))
-    axes[1].set(xlabel="error to the continuous derivative / largest force")
-    fig.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
-    fig.suptitle(f"1 Hz sinusoid from rest, {float(seconds):g} s at 1 kHz, alpha = {alpha}\n{machine}", fontsize=9)
-    save(fig, "work")
-
-
 if __name__ == "__main__":
     mpl.rcParams.update({"svg.hashsalt": "stimlib", "font.size": 9})
-    for draw in (history, relaxation, stiffness, work):
+    for draw in (history, relaxation, stiffness):
         draw()

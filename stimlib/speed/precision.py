@@ -1,0 +1,388 @@
+"""Run time against error: every method of a problem with its own knob, each a point for the error it has and the time it takes.
+
+A problem (``stimlib.speed.problems``) has a reference from another route: a formula, mpmath, long double.  Errors and times are
+measured in separate runs; times by jobs that take turns.  What fails is a row that says so.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..analysis.picture import check_place, save
+from ..core.graph import Block, Input
+from ..core.progress import progress
+from ..core.scene import Scene
+from ..errors import UnknownName
+from ..run.processor import compile
+from .timing import interleaved, machine, medians
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Job = Callable[[], object]
+Signal = Callable[[np.ndarray], np.ndarray]
+FLOOR = 1e-17
+"""Where an error of exactly 0 is drawn."""
+
+
+class Method(NamedTuple):
+    """One point of a ladder."""
+
+    family: str
+    knob: str
+    job: Job
+    """What is timed."""
+    error: Callable[[], float]
+    """Against the reference; not timed."""
+
+
+class Problem(NamedTuple):
+    """What all methods are given, and how far from the truth they come."""
+
+    name: str
+    title: str
+    error: str
+    """What the error is, with its unit, as on the axis."""
+    samples: int
+    """Of one job."""
+    methods: Callable[[], list[Method]]
+    """Those that are installed."""
+
+
+class Point(NamedTuple):
+    """A row of the table."""
+
+    problem: str
+    family: str
+    knob: str
+    error: float
+    """nan where it failed."""
+    ns: float
+    """For each sample; the median."""
+    failed: str = ""
+
+
+def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point]:
+    """Errors of all methods of a problem, and then their times.
+
+    Parameters
+    ----------
+    problem : Problem
+    rounds : int
+        How often each is timed.
+    timed : bool
+        False: errors alone, for tests; times are nan.
+
+    Returns
+    -------
+    list of Point
+
+    Examples
+    --------
+    >>> from stimlib.speed.precision import Method, Problem, measure
+    >>> half = Method("half", "1", lambda: None, lambda: 0.5)
+    >>> measure(Problem("p", "a problem", "error", 10, lambda: [half]), timed=False)[0].error
+    0.5
+    """
+    methods = problem.methods()
+    found = [_error(m) for m in methods]
+    sound = {k: m.job for k, m in enumerate(methods) if not found[k][1]}
+    took = medians(interleaved({str(k): job for k, job in sound.items()}, rounds, 1)) if timed else {}
+    return [
+        Point(problem.name, m.family, m.knob, error, took.get(str(k), math.nan) / problem.samples * 1e9, failed)
+        for k, (m, (error, failed)) in enumerate(zip(methods, found, strict=True))
+    ]
+
+
+def _error(m: Method) -> tuple[float, str]:
+    try:
+        with np.errstate(all="ignore"):
+            error = float(m.error())
+    except Exception as e:  # of a package that is measured: a row, not the end of the table
+        return math.nan, f"{type(e).__name__}: {e}"
+    return (error, "") if math.isfinite(error) else (math.nan, "not finite")
+
+
+# What methods are made of --------------------------------------------------------------------------------------------
+Ladder = tuple[Iterable[Any], Callable[[Any], Signal]]
+"""Values of a knob, and what makes a method of one."""
+
+
+def own(block: Callable[[Block, Any], Block], fs: float, unit: str = "", dtype: str = "") -> Callable[[Any], Signal]:
+    """Make methods of a block of one input and a knob: functions of whole signals, from sample 0 each time.
+
+    With dtype "float64" or "float32" they run on JAX.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.speed.precision import own
+    >>> own(lambda x, k: k * x, 8000.0)(3.0)(np.ones(2))
+    array([3., 3.])
+    """
+
+    def make(knob: Any) -> Signal:
+        scene = Scene({"y": block(Input("x", unit), knob)})
+        if dtype:
+            return _jax(scene, fs, dtype)
+        proc = compile(scene, fs)
+
+        def run(x: np.ndarray) -> np.ndarray:
+            proc.reset()
+            return proc.process(x[None])[0]
+
+        return run
+
+    return make
+
+
+def _jax(scene: Scene, fs: float, dtype: str) -> Signal:
+    import jax
+
+    f: Any = compile(scene, fs, "jax", dtype=dtype)
+    inner = jax.jit(lambda x: f(None, x)["y"])
+
+    def run(x: np.ndarray) -> np.ndarray:
+        with jax.enable_x64(True):
+            return np.asarray(inner(x[None]), float)
+
+    return run
+
+
+def on(x: np.ndarray, error: Callable[[Signal], float], ladders: Mapping[str, Ladder]) -> list[Method]:
+    """Methods of families by name, all run on one signal and held against one reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.speed.precision import on
+    >>> ladders = {"scale": ([1, 2], lambda k: lambda x: k * x)}
+    >>> [m.error() for m in on(np.ones(3), lambda f: float(f(np.ones(1))[0]), ladders)]
+    [1.0, 2.0]
+    """
+    rungs = [(name, knob, make) for name, (knobs, make) in ladders.items() for knob in knobs]
+    return [_rung(name, knob, make, x, error) for name, knob, make in rungs]
+
+
+def _rung(name: str, knob: Any, make: Callable[[Any], Signal], x: np.ndarray, error: Callable[[Signal], float]) -> Method:
+    text = f"{knob:g}" if isinstance(knob, float) else str(knob)
+    try:
+        f = make(knob)
+    except Exception as e:  # a design that cannot be made is a row that says so
+        return Method(name, text, lambda: None, partial(_again, e))
+    return Method(name, text, partial(f, x), partial(error, f))
+
+
+def _again(e: Exception) -> float:
+    raise e
+
+
+def apart(y: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest difference, over the largest value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.speed.precision import apart
+    >>> apart(np.array([1.0, 2.5]), np.array([1.0, 2.0]))
+    0.25
+    """
+    return float(np.abs(y - wanted).max() / np.abs(wanted).max())
+
+
+def response(f: Signal, n: int, at: int = 0) -> np.ndarray:
+    """Of a linear method: the transform of its answer to one sample, n of them after sample ``at``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.speed.precision import response
+    >>> response(lambda x: 0.5 * x, 8)
+    array([0.5+0.j, 0.5+0.j, 0.5+0.j, 0.5+0.j, 0.5+0.j])
+    """
+    x = np.zeros(at + n)
+    x[at] = 1.0
+    return np.fft.rfft(f(x)[at:])
+
+
+# What becomes of it --------------------------------------------------------------------------------------------------
+def problems(only: Iterable[str] = ()) -> list[Problem]:
+    """All problems, or those named.
+
+    Raises
+    ------
+    UnknownName
+        No problem of that name.
+
+    Examples
+    --------
+    >>> from stimlib.speed.precision import problems
+    >>> [p.name for p in problems(["bumps"])]
+    ['bumps']
+    """
+    from .problems import ALL
+
+    known = {p.name: p for p in ALL}
+    if unknown := [name for name in only if name not in known]:
+        raise UnknownName(f"no problem {', '.join(unknown)}; there are {', '.join(known)}")
+    return [known[name] for name in only] or list(ALL)
+
+
+class Best(NamedTuple):
+    """A problem in one line: our most exact point, and the fastest of others that come as near, or the nearest of them."""
+
+    problem: str
+    ours: Point
+    other: Point | None
+    reached: bool
+    """Whether the other's error is no larger than ours, but for a hundredth."""
+
+    @property
+    def times(self) -> float:
+        """How many times as long the other takes."""
+        return math.nan if self.other is None else self.other.ns / self.ours.ns
+
+
+def best(points: Iterable[Point]) -> list[Best]:
+    """One line for each problem, of the processor's points: what runs on JAX is neither ours nor another's.
+
+    Examples
+    --------
+    >>> from stimlib.speed.precision import Point, best
+    >>> rows = [Point("p", "stimlib x", "1", 1e-9, 2.0), Point("p", "scipy", "1", 1e-3, 5.0), Point("p", "numpy", "1", 1e-9, 8.0)]
+    >>> [(b.other.family, b.reached, b.times) for b in best(rows)]
+    [('numpy', True, 4.0)]
+    """
+    found = []
+    points = [p for p in points if not p.failed]
+    for name in dict.fromkeys(p.problem for p in points):
+        own = [p for p in points if p.problem == name and p.family.startswith("stimlib") and "JAX" not in p.family]
+        others = [p for p in points if p.problem == name and not p.family.startswith("stimlib")]
+        ours = min(own, key=lambda p: p.error)
+        near = [p for p in others if p.error <= 1.01 * ours.error]
+        nearest = min(near, key=lambda p: p.ns) if near else min(others, key=lambda p: p.error, default=None)
+        found.append(Best(name, ours, nearest, bool(near)))
+    return found
+
+
+def table(points: Iterable[Point]) -> Table:
+    """``best`` for a terminal.
+
+    Examples
+    --------
+    >>> from stimlib.speed.precision import Point, table
+    >>> table([Point("p", "stimlib x", "1", 1e-9, 2.0)]).row_count
+    1
+    """
+    from rich.table import Table
+
+    out = Table("problem", "stimlib", "error", "ns", "beside it", "error", "ns", "times as long")
+    for b in best(points):
+        ours = [b.ours.knob, f"{b.ours.error:.1e}", f"{b.ours.ns:.3g}"]
+        beside = (
+            [f"{b.other.family} {b.other.knob}", f"{b.other.error:.1e}", f"{b.other.ns:.3g}", f"{b.times:.3g}"] if b.other else []
+        )
+        out.add_row(b.problem, *ours, *beside)
+    return out
+
+
+def record(points: list[Point], path: str | os.PathLike) -> None:
+    """Write a table as CSV, below a line with machine and versions.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from stimlib.speed.precision import Point, record
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "p.csv"
+    >>> record([Point("p", "ours", "1e-3", 1e-4, 2.0)], path)
+    >>> path.read_text().splitlines()[1:]
+    ['problem,family,knob,error,ns,failed', 'p,ours,1e-3,0.0001,2.0,']
+    """
+    with Path(path).open("w", newline="") as f:
+        f.write(f"# {machine()}\n")
+        out = csv.writer(f, lineterminator="\n")
+        out.writerow(Point._fields)
+        out.writerows(points)
+
+
+def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> None:
+    """Draw a problem: error on x, time for a sample on y, both logarithmic; a family is a line, what failed is at the right.
+
+    Raises
+    ------
+    SinkError
+        The file cannot be written, or has another suffix than .png, .svg or .pdf.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from stimlib.speed.precision import Point, Problem, picture
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "p.png"
+    >>> picture(Problem("p", "a problem", "error", 10, list), [Point("p", "ours", "1e-3", 1e-4, 2.0)], path)
+    >>> path.stat().st_size > 5000
+    True
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    fig: Any = Figure(figsize=(8, 4.4), layout="constrained")
+    ax = fig.subplots()
+    families = list(dict.fromkeys(p.family for p in points))
+    for k, name in enumerate(families):
+        good = [p for p in points if p.family == name and not p.failed]
+        style = {"color": f"C{k % 10}", "marker": "osD^vPX*<>"[k % 10], "ms": 5}
+        own = name.startswith("stimlib")
+        if good:
+            errors = [max(p.error, FLOOR) for p in good]
+            ax.plot(errors, [p.ns for p in good], label=name, lw=2 if own else 1, zorder=3 if own else 2, **style)
+            for p in (good[0], good[-1])[: len(good)]:
+                where = (max(p.error, FLOOR), p.ns)
+                ax.annotate(p.knob, where, xytext=(4, 4), textcoords="offset points", fontsize=6, color="0.35")
+        for p in points:
+            if p.family == name and p.failed:
+                ax.plot([0.98], [0.05 + 0.07 * k], "x", color=style["color"], transform=ax.transAxes)
+    ax.set(xscale="log", yscale="log", xlabel=problem.error, ylabel="ns a sample", title=problem.title)
+    ax.grid(alpha=0.3)
+    fig.legend(loc="outside right upper", fontsize=7, frameon=False)
+    fig.supxlabel(machine(), fontsize=5, color="0.4")
+    with rc_context({"svg.fonttype": "none"}):
+        save(fig, path)
+
+
+def regenerate(folder: str | os.PathLike, only: Iterable[str] = (), rounds: int = 7, shown: bool | str = True) -> list[Point]:
+    """Measure problems and leave NAME.csv and work_NAME.svg of each in a folder; a progress bar where that is a terminal.
+
+    Raises
+    ------
+    UnknownName
+        No problem of that name.
+    SinkError
+        A file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from stimlib.speed.precision import regenerate
+    >>> regenerate(tempfile.mkdtemp(), ["table"], rounds=1)[0].family
+    'stimlib lut linear, knots'
+    """
+    wanted, place, found = problems(only), Path(folder), []
+    for p in wanted:
+        check_place(place / f"work_{p.name}.svg")
+    with progress("measuring", len(wanted), shown) as advance:
+        for p in wanted:
+            advance(0, p.title)
+            points = measure(p, rounds)
+            record(points, place / f"{p.name}.csv")
+            picture(p, points, place / f"work_{p.name}.svg")
+            found += points
+            advance(1)
+    return found

@@ -1,0 +1,5 @@
+"""The problems that run time is held against error on."""
+
+from . import hand, materials, noise, surface
+
+ALL = (*noise.PROBLEMS, *materials.PROBLEMS, *surface.PROBLEMS, *hand.PROBLEMS)

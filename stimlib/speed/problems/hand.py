@@ -1,0 +1,95 @@
+"""A hand's motion from its reports, and its velocity: against the motion that was reported."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import interpolate, signal
+
+from ...blocks import track_velocity, velocity
+from ...motion.recorded import recording
+from ..precision import Method, Problem, Signal, apart, on, own
+
+FS, SECONDS = 8000.0, 8.0
+T = np.arange(int(FS * SECONDS)) / FS
+PARTS = [(0.02, 0.7, 0.3), (0.006, 2.3, 1.1), (0.001, 6.0, 2.0)]  # m, Hz, rad: strokes, and the tremor on them
+
+
+def truth(t: np.ndarray) -> np.ndarray:
+    """In m."""
+    return sum((a * np.sin(2 * np.pi * f * t + p) for a, f, p in PARTS), np.zeros_like(t))
+
+
+def speed(t: np.ndarray) -> np.ndarray:
+    """In m/s."""
+    return sum((2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in PARTS), np.zeros_like(t))
+
+
+def reports(rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times with a jitter of a tenth of a period, and where the hand was."""
+    n = int(rate * SECONDS) + 2
+    t = (np.arange(n) + 0.1 * np.random.default_rng(3).uniform(-1, 1, n)) / rate
+    return t - t[0], truth(t - t[0])
+
+
+def interpolation() -> list[Method]:
+    rates = [30.0, 60.0, 125.0, 250.0, 500.0, 1000.0]
+
+    def error(f: Signal) -> float:
+        return apart(f(T), truth(T))
+
+    def held(rate: float) -> Signal:
+        t, x = reports(rate)
+        return lambda now: x[np.searchsorted(t, now, side="right") - 1]
+
+    def recorded(rate: float) -> Signal:
+        return recording(dict(zip(("t_s", "x"), reports(rate), strict=True)), {"x": "x"}).for_inputs(("x",))["x"]
+
+    return on(T, error, {
+        "stimlib recording (PCHIP), Hz": (rates, recorded),
+        "the last report, held, Hz": (rates, held),
+        "numpy interp, Hz": (rates, lambda rate: lambda now: np.interp(now, *reports(rate))),
+        "scipy CubicSpline, Hz": (rates, lambda rate: interpolate.CubicSpline(*reports(rate))),
+    })  # fmt: skip
+
+
+def velocities() -> list[Method]:
+    """At once, as a loop needs it, and from whole files; the encoder counts micrometres."""
+    x = np.round(truth(T) / 1e-6) * 1e-6
+    late = T > 0.5
+
+    def error(f: Signal) -> float:
+        return apart(f(x)[late], speed(T)[late])
+
+    cutoffs = [10.0, 30.0, 100.0, 300.0, 1000.0]
+
+    def butter(cutoff: float) -> Signal:
+        sos = signal.butter(2, cutoff, fs=FS, output="sos")
+        return lambda x: signal.sosfilt(sos, np.diff(x, prepend=x[0]) * FS)
+
+    return on(x, error, {
+        "stimlib velocity, cutoff Hz": (cutoffs, own(velocity, FS, "m")),
+        "stimlib track_velocity, bandwidth Hz": (cutoffs[:-1], own(track_velocity, FS, "m")),
+        "difference in scipy butter(2), cutoff Hz": (cutoffs, butter),
+        "difference of two samples": ([2], lambda _: lambda x: np.diff(x, prepend=x[0]) * FS),
+        "Savitzky-Golay, whole file, window": (
+            [21, 81, 321, 801], lambda n: lambda x: signal.savgol_filter(x, n, 3, deriv=1, delta=1 / FS),
+        ),
+    })  # fmt: skip
+
+
+PROBLEMS = (
+    Problem(
+        "motion",
+        "a hand's position at 8 kHz from its reports",
+        "largest error to the motion, of its maximum",
+        T.size,
+        interpolation,
+    ),  # fmt: skip
+    Problem(
+        "velocity",
+        "a hand's velocity at 8 kHz, counts of 1 um",
+        "largest error to the velocity, of its maximum",
+        T.size,
+        velocities,
+    ),  # fmt: skip
+)

@@ -1,0 +1,197 @@
+"""The 3 dB/oct filter, the differentiator, and both on white noise: errors are of responses, against the formula."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from scipy import signal
+
+from ...blocks import differentiator, pinking, white_noise
+from ...core.scene import Scene
+from ...design.differentiator import differentiator_order, differentiator_taps
+from ...design.pink import PinkDesign, pink_modes
+from ..chain import puller
+from ..precision import Method, Problem, Signal, apart, on, own, response
+
+FS, SAMPLES = 8000.0, 1 << 16
+LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz
+F_LOW, PASSBAND, STOPBAND = 1.0, 1000.0, 1500.0
+X = np.random.default_rng(0).standard_normal(SAMPLES)
+
+# Paul Kellet's filters (musicdsp.org, 1999), poles, weights, and those of a sample and the one before; made for 44.1 kHz.
+KELLET = {
+    "refined": (
+        (0.99886, 0.99332, 0.96900, 0.86650, 0.55000, -0.7616),
+        (0.0555179, 0.0750759, 0.1538520, 0.3104856, 0.5329522, -0.0168980),
+        0.5362,
+        0.115926,
+    ),
+    "economy": ((0.99765, 0.96300, 0.57000), (0.0990460, 0.2965164, 1.0526913), 0.1848, 0.0),
+}
+
+
+# 3 dB/oct ------------------------------------------------------------------------------------------------------------
+def slope_error(f: Signal, low: float = F_LOW, high: float = 0.45 * FS, slope: float = -0.5) -> float:
+    """Largest deviation in dB of a gain from (frequency)^slope, when the level is chosen best."""
+    at = np.fft.rfftfreq(LONG, 1 / FS)
+    band = (at >= low) & (at <= high)
+    gain = 20 * np.log10(np.abs(response(f, LONG)[band])) - 20 * slope * np.log10(at[band])
+    return float(np.ptp(gain) / 2)
+
+
+def sections(poles, residues, direct: float, late: float = 0.0) -> np.ndarray:
+    """Parallel first-order filters as second-order sections, for scipy; late is the weight of the sample before."""
+    poles, residues = np.asarray(poles), np.asarray(residues)
+    numerator = np.polymul([direct, late], np.poly(poles))
+    for k in range(poles.size):
+        numerator = np.polyadd(numerator, residues[k] * np.r_[np.poly(np.delete(poles, k)), 0.0, 0.0])
+    zeros = np.roots(numerator)
+    return signal.zpk2sos(zeros, np.r_[poles, np.zeros(zeros.size - poles.size)], numerator[0])
+
+
+def sos(coefficients: np.ndarray) -> Signal:
+    return lambda x: signal.sosfilt(coefficients, x)
+
+
+def of(m: PinkDesign) -> np.ndarray:
+    """A design's modes as second-order sections; zeros as eigenvalues, or scipy would lose digits that are not its own."""
+    p, whole = 1 - m.e, m.d + m.r.sum()
+    zeros = np.linalg.eigvals(np.diag(p) - m.r * p / whole).real
+    return signal.zpk2sos(zeros, p, whole)
+
+
+def kellet(name: str) -> Signal:
+    return sos(sections(*KELLET[name]))
+
+
+def oustaloup(order: int, low: float = 0.1, slope: float = -0.5) -> Signal:
+    """2 order + 1 poles and zeros spread evenly between low and fs/2, bilinear."""
+    wb, wh = 2 * np.pi * low, np.pi * FS
+    k = np.arange(-order, order + 1)
+    zeros, poles = (-wb * (wh / wb) ** ((k + order + (1 + sign * slope) / 2) / (2 * order + 1)) for sign in (-1, 1))
+    return sos(signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**slope, FS)))
+
+
+def shaped(x: np.ndarray) -> np.ndarray:
+    """What the package colorednoise does: the whole file in the frequency domain."""
+    f = np.fft.rfftfreq(x.size)
+    f[0] = f[1]
+    return np.fft.irfft(np.fft.rfft(x) / np.sqrt(f), x.size)
+
+
+def sampled_response(taps: int) -> Signal:
+    """A linear-phase FIR by frequency sampling, as scipy's firwin2."""
+    f = np.r_[0.0, np.geomspace(F_LOW, FS / 2, 400)]
+    h = signal.firwin2(taps, f, 1 / np.sqrt(np.r_[F_LOW, f[1:]]), fs=FS)
+    return lambda x: signal.oaconvolve(x, h)[: x.size]
+
+
+def pink() -> list[Method]:
+    tols = [1.0, 0.3, 0.1, 0.01, 1e-3, 1e-4]
+
+    def ours(dtype: str = ""):
+        return own(lambda x, tol: pinking(x, F_LOW, tol), FS, dtype=dtype)
+
+    return on(X, slope_error, {
+        "stimlib pinking, tol_db": (tols, ours()),
+        "stimlib on JAX, float64": ([0.01, 1e-4], ours("float64")),
+        "stimlib on JAX, float32": ([0.01, 1e-4], ours("float32")),
+        "our design in scipy sosfilt": (tols, lambda tol: sos(of(pink_modes(FS, F_LOW, tol)))),
+        "Oustaloup in scipy sosfilt, order": ([2, 4, 8, 12], oustaloup),
+        "Kellet in scipy sosfilt": (["refined", "economy"], kellet),
+        "firwin2 + oaconvolve, taps": ([257, 1025, 4097, 16385], sampled_response),
+        "FFT of the whole file (colorednoise)": ([""], lambda _: shaped),
+    })  # fmt: skip
+
+
+# d/dt ----------------------------------------------------------------------------------------------------------------
+def derivative_error(f: Signal) -> float:
+    """Largest error of the gain up to the pass edge, relative to that at the edge, behind a delay of whole half samples."""
+    n = 1 << 15
+    at = np.fft.rfftfreq(n, 1 / FS)
+    H = response(f, n, at=4096)
+    low = slice(1, 40)  # up to 10 Hz
+    late = -np.polyfit(2 * np.pi * at[low] / FS, np.unwrap(np.angle(H[low] / 1j)), 1)[0]
+    H = H * np.exp(2j * np.pi * at * (round(2 * late) / 2) / FS)
+    band = at <= PASSBAND
+    return apart(H[band], 2j * np.pi * at[band])
+
+
+def taps(h: np.ndarray) -> Signal:
+    return lambda x: np.convolve(x, h)[: x.size] if h.size < 64 else signal.oaconvolve(x, h)[: x.size]
+
+
+def windowed(n: int, window) -> np.ndarray:
+    """The ideal differentiator, cut by a window."""
+    k = np.arange(n) - (n - 1) / 2
+    ideal = np.cos(np.pi * k) / np.where(k == 0, 1.0, k) * (k != 0)
+    return ideal * signal.get_window(window, n, fftbins=False) * FS
+
+
+def order_of(tol: float) -> int:
+    return differentiator_order(FS, PASSBAND, STOPBAND, tol)
+
+
+def designed(tol: float) -> np.ndarray:
+    return differentiator_taps(FS, PASSBAND, STOPBAND, order_of(tol)).taps
+
+
+def remez(n: int) -> np.ndarray:
+    return signal.remez(n, [0, PASSBAND, STOPBAND, FS / 2], [2 * np.pi, 0], type="differentiator", fs=FS, maxiter=100) * FS
+
+
+def differentiators() -> list[Method]:
+    def ours(x, tol: float):
+        return differentiator(x, PASSBAND, STOPBAND, order_of(tol), tol)
+
+    tols, counts = [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8], [17, 33, 65, 129]
+    return on(X, derivative_error, {
+        "stimlib differentiator, tol": (tols, own(ours, FS)),
+        "the same taps in numpy or scipy, tol": (tols, lambda tol: taps(designed(tol))),
+        "scipy remez, taps": (counts, lambda n: taps(remez(n))),
+        "Hamming window, taps": (counts, lambda n: taps(windowed(n, "hamming"))),
+        "Kaiser window, beta 8, taps": (counts, lambda n: taps(windowed(n, ("kaiser", 8.0)))),
+        "Savitzky-Golay of order 4, window": ([5, 9, 21], lambda n: taps(signal.savgol_coeffs(n, 4, deriv=1, delta=1 / FS))),
+        "difference to the last sample": ([2], lambda _: taps(FS * np.array([1.0, -1.0]))),
+        "central difference": ([3], lambda _: taps(FS / 2 * np.array([1.0, 0.0, -1.0]))),
+    })  # fmt: skip
+
+
+# White, pink, d/dt ---------------------------------------------------------------------------------------------------
+def chain() -> list[Method]:
+    """Noise whose density rises 3 dB/oct from 10 Hz to 1 kHz; a rung is both tolerances, in dB."""
+    low, db = 10.0, 8.7
+    rng = np.random.Generator(np.random.PCG64(1))
+    error = partial(slope_error, low=low, high=PASSBAND, slope=0.5)
+
+    def both(x, tol):
+        return differentiator(pinking(x, low, tol), PASSBAND, STOPBAND, order_of(tol / db), tol / db)
+
+    def peer(name: str, knob: str, pink: np.ndarray, h: np.ndarray) -> Method:
+        def f(x: np.ndarray) -> np.ndarray:
+            return taps(h)(signal.sosfilt(pink, x))
+
+        return Method(name, knob, lambda: f(rng.standard_normal(SAMPLES)), lambda: error(f))
+
+    found = []
+    for tol in (1.0, 0.1, 0.01, 1e-3, 1e-4):
+        job = puller(Scene({"y": both(white_noise(seed=1), tol)}), samples=SAMPLES, fs=FS)
+        found.append(Method("stimlib, dB", f"{tol:g}", job, partial(error, own(both, FS)(tol))))
+        same = "the same design: PCG64, sosfilt, oaconvolve, dB"
+        found.append(peer(same, f"{tol:g}", of(pink_modes(FS, low, tol)), designed(tol / db)))
+    refined = sections(*KELLET["refined"])
+    for knob, h in (("central difference", FS / 2 * np.array([1.0, 0.0, -1.0])), ("remez, 129 taps", remez(129))):
+        found.append(peer("PCG64, Kellet refined", knob, refined, h))
+    return found
+
+
+PROBLEMS = (
+    Problem("pink", "3 dB/oct filter, 1 Hz to 3.6 kHz at 8 kHz", "largest deviation from 3 dB/oct, dB", SAMPLES, pink),
+    Problem(
+        "differentiator", "d/dt up to 1 kHz at 8 kHz", "largest error up to 1 kHz, of the gain there", SAMPLES, differentiators
+    ),
+    Problem(
+        "chain", "white noise, 3 dB/oct, d/dt: 10 Hz to 1 kHz at 8 kHz", "largest deviation from +3 dB/oct, dB", SAMPLES, chain
+    ),  # fmt: skip
+)

@@ -1,0 +1,127 @@
+"""Bumps under a moving finger, and a table of displacements: against closed forms in long double."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import interpolate
+
+from ...blocks import bump, lut
+from ..precision import Method, Problem, Signal, apart, on, own
+
+FS, SAMPLES, DUTY = 8000.0, 1 << 16, 0.6
+LD = np.longdouble
+
+
+def stroke(t: np.ndarray) -> np.ndarray:
+    """Where the finger is, in bumps: to and fro over 18 of them, up to 0.14 a sample."""
+    return 9.0 - 9.0 * np.cos(2 * np.pi * 20.0 * t)
+
+
+T = np.arange(SAMPLES) / FS
+U = stroke(T)
+
+
+CHUNK = 256  # samples of numpy's that stay in the cache
+
+
+# Bumps ---------------------------------------------------------------------------------------------------------------
+def mean_of_sine(u: np.ndarray) -> np.ndarray:
+    """Mean of the sine bump over each movement, by its integral in long double; where the finger stands, the bump itself."""
+    d = LD(DUTY)
+    pi = LD(4) * np.arctan(LD(1))
+    top = np.cos(pi * d)
+
+    def integral(u: np.ndarray) -> np.ndarray:
+        whole = np.floor(u)
+        z = np.minimum(u - whole, d) / d  # along the ridge
+        part = d * (np.sin(2 * pi * d * (z - LD(0.5))) + np.sin(pi * d)) / (2 * pi * d) - top * d * z
+        ridge = d * (2 * np.sin(pi * d) / (2 * pi * d) - top)
+        return (whole * ridge + part) / (1 - top)
+
+    x = u.astype(LD)
+    step = np.diff(x)
+    return np.where(np.abs(step) > 1e-9, np.diff(integral(x)) / np.where(step == 0, LD(1), step), np.nan).astype(float)
+
+
+def envelope(u: np.ndarray) -> np.ndarray:
+    """The bump at a place."""
+    w = u - np.floor(u)
+    top = np.cos(np.pi * DUTY)
+    return np.where(w < DUTY, (np.cos(2 * np.pi * (w - DUTY / 2)) - top) / (1 - top), 0.0)
+
+
+def oversampled(n: int) -> Signal:
+    """The mean of n points along a straight line from sample to sample."""
+    part = (np.arange(n) + 0.5) / n
+
+    def run(u: np.ndarray) -> np.ndarray:
+        last = np.r_[u[0], u[:-1]]
+        parts = [slice(k, k + CHUNK) for k in range(0, u.size, CHUNK)]
+        return np.concatenate([envelope(last[k, None] + (u[k] - last[k])[:, None] * part).mean(axis=1) for k in parts])
+
+    return run
+
+
+def bumps() -> list[Method]:
+    wanted = mean_of_sine(U)
+    sure = np.isfinite(wanted)
+
+    def error(f: Signal) -> float:
+        return apart(f(U)[1:][sure], wanted[sure])
+
+    def ours(sampling: str = "area", dtype: str = ""):
+        return own(lambda u, duty: bump(u, "sine", duty, sampling=sampling), FS, dtype=dtype)
+
+    return on(U, error, {
+        "stimlib bump, area": ([DUTY], ours()),
+        "stimlib bump, point": ([DUTY], ours("point")),
+        "stimlib on JAX, float64": ([DUTY], ours(dtype="float64")),
+        "stimlib on JAX, float32": ([DUTY], ours(dtype="float32")),
+        "numpy, mean of so many points": ([1, 4, 16, 64], oversampled),
+    })  # fmt: skip
+
+
+# A table -------------------------------------------------------------------------------------------------------------
+def profile(x: np.ndarray) -> np.ndarray:
+    """Displacement of a plate's mode along it, over its mean, as an equalisation table holds it."""
+    return 1.0 + 0.6 * np.sin(np.pi * x / 0.1) ** 2 + 0.1 * np.sin(5 * np.pi * x / 0.1)
+
+
+PLACES = 0.05 - 0.05 * np.cos(2 * np.pi * 0.7 * T)
+
+
+def table() -> list[Method]:
+    wanted = profile(PLACES)
+    knobs = [5, 9, 17, 33, 65, 129]
+
+    def error(f: Signal) -> float:
+        return apart(f(PLACES), wanted)
+
+    def knots(n: int) -> np.ndarray:
+        return np.linspace(0.0, 0.1, n)
+
+    def ours(kind: str):
+        return own(lambda x, n: lut(x, knots(n), profile(knots(n)), kind), FS)
+
+    return on(PLACES, error, {
+        "stimlib lut linear, knots": (knobs, ours("linear")),
+        "stimlib lut pchip, knots": (knobs, ours("pchip")),
+        "stimlib lut cubic, knots": (knobs, ours("cubic")),
+        "numpy interp, knots": (knobs, lambda n: lambda x: np.interp(x, knots(n), profile(knots(n)))),
+        "scipy PchipInterpolator, knots": (knobs, lambda n: interpolate.PchipInterpolator(knots(n), profile(knots(n)))),
+        "scipy CubicSpline, knots": (knobs, lambda n: interpolate.CubicSpline(knots(n), profile(knots(n)))),
+    })  # fmt: skip
+
+
+PROBLEMS = (
+    Problem(
+        "bumps",
+        "sine bumps under a finger, up to 0.14 bumps a sample",
+        "largest error to the mean over the movement",
+        SAMPLES,
+        bumps,
+    ),  # fmt: skip
+    Problem(
+        "table", "a table of displacements over 10 cm", "largest error to the smooth profile, of its maximum", SAMPLES, table
+    ),
+)

@@ -1,0 +1,107 @@
+"""Run time against error: what the recorded tables say of errors is what this code has; of times nothing is tested."""
+
+import csv
+import math
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stimlib.cli import app
+from stimlib.errors import UnknownName
+from stimlib.speed import precision
+from stimlib.speed.precision import Method, Point, Problem, best, measure, on, problems
+
+RECORDED = Path(__file__).parents[1] / "benchmarks" / "work_precision"
+STRESS = "STIMLIB_STRESS" in os.environ
+ALL = problems()
+OTHER = {"springpot_gl": " l1", "springpot_l1": " gl"}  # a scheme that has another limit
+LEFT = {"springpot_l1": 1.2e-4}  # what the scheme itself leaves of the derivative
+
+
+def recorded(name):
+    with (RECORDED / f"{name}.csv").open(newline="") as f:
+        f.readline()
+        return {(r["family"], r["knob"]): float(r["error"]) for r in csv.DictReader(f)}
+
+
+@pytest.mark.parametrize("problem", ALL, ids=lambda p: p.name)
+def test_errors_are_those_that_were_recorded(problem):
+    """And every rung that says a tolerance keeps it; JAX, which compiles long, at length only."""
+    methods = [m for m in problem.methods() if STRESS or "JAX" not in m.family]
+    points = measure(problem._replace(methods=lambda: methods), timed=False)
+    known = recorded(problem.name)
+    assert {(p.family, p.knob) for p in points} <= known.keys()
+    for p in points:
+        assert not p.failed, p
+        digits = 1e-14 if "JAX" not in p.family else 1e-7  # below that sums in another order count
+        assert p.error == pytest.approx(known[p.family, p.knob], rel=0.05, abs=digits), p
+        if re.match(r"stimlib .*(tol|tol_db|dB)$", p.family) and OTHER.get(p.problem, "-") not in p.family:
+            assert p.error <= max(1.7 * float(p.knob), LEFT.get(p.problem, 0.0)), p
+
+
+def test_every_recorded_table_has_a_problem_and_a_picture():
+    assert {p.stem for p in RECORDED.glob("*.csv")} == {p.name for p in ALL}
+    assert {p.stem for p in RECORDED.glob("*.svg")} == {f"work_{p.name}" for p in ALL}
+
+
+def bad(knob):
+    raise ValueError("a package that fails")
+
+
+def test_what_fails_is_a_row_that_says_so():
+    ladders = {"cannot be made": ([1], bad), "fails": ([1], lambda k: bad), "nan": ([2.5], lambda k: lambda x: x * np.nan)}
+    p = Problem("p", "", "", 3, lambda: on(np.ones(3), lambda f: f(np.ones(1))[0], ladders))
+    points = measure(p, rounds=1)
+    assert [q.knob for q in points] == ["1", "1", "2.5"]
+    assert all(math.isnan(q.error) and math.isnan(q.ns) for q in points)
+    assert [q.failed for q in points] == ["ValueError: a package that fails"] * 2 + ["not finite"]
+
+
+def test_time_is_for_a_sample_and_errors_are_not_timed():
+    ran = []
+    p = Problem("p", "", "", 1000, lambda: [Method("m", "", lambda: ran.append("job"), lambda: ran.append("error") or 1.0)])
+    (point,) = measure(p, rounds=3)
+    assert ran == ["error"] + ["job"] * 4  # one to warm up
+    assert 0 < point.ns < 1e6
+
+
+def test_the_line_of_a_problem():
+    rows = [
+        Point("p", "stimlib a", "1", 1e-3, 1.0),
+        Point("p", "stimlib a", "2", 1e-6, 2.0),
+        Point("p", "stimlib on JAX", "2", 1e-9, 1.0),
+        Point("p", "scipy", "1", 1e-5, 1.0),
+        Point("p", "numpy", "1", 1.009e-6, 6.0),
+        Point("p", "numpy", "2", 1e-7, 8.0),
+        Point("p", "broken", "1", math.nan, math.nan, "why"),
+        Point("q", "stimlib b", "1", 1e-9, 5.0),
+        Point("q", "far", "", 1e-2, 1.0),
+        Point("q", "near", "", 1e-3, 10.0),
+        Point("r", "stimlib c", "", 0.0, 1.0),
+    ]
+    p, q, r = best(rows)
+    assert (p.ours.knob, p.other.family, p.other.knob, p.reached, p.times) == ("2", "numpy", "1", True, 3.0)
+    assert (q.other.family, q.reached, q.times) == ("near", False, 2.0)
+    assert r.other is None and math.isnan(r.times)
+
+
+def test_the_command(tmp_path, monkeypatch):
+    tiny = Problem("tiny", "a tiny problem", "error", 10, lambda: [Method("stimlib", "1", lambda: None, lambda: 0.5)])
+    monkeypatch.setattr(precision, "problems", lambda only: [tiny])
+    done = CliRunner().invoke(app, ["bench", "--work-precision", str(tmp_path), "--only", "tiny"])
+    assert done.exit_code == 0 and "tiny" in done.stdout, done.output
+    assert "a tiny problem" in (tmp_path / "work_tiny.svg").read_text()
+    lines = (tmp_path / "tiny.csv").read_text().splitlines()
+    assert lines[0].startswith("# ") and "numpy" in lines[0] and lines[2].startswith("tiny,stimlib,1,0.5,")
+    done = CliRunner().invoke(app, ["bench", "--only", "tiny"])
+    assert done.exit_code == 2 and "--work-precision" in done.stderr
+
+
+def test_names_of_problems():
+    assert [p.name for p in problems(["arm", "pink"])] == ["arm", "pink"]
+    with pytest.raises(UnknownName, match="no problem violet; there are pink, "):
+        problems(["violet"])
