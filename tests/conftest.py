@@ -4,6 +4,7 @@ import ctypes
 import os
 import signal
 import warnings
+from collections import Counter
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -25,6 +26,23 @@ for number, usual in (
 ):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
+
+
+# Time -----------------------------------------------------------------------------------------------------------------
+def pytest_terminal_summary(terminalreporter):
+    """Where the minutes of a long run went: who adds a test sees what it costs all others."""
+    spent: Counter[str] = Counter()
+    tests: Counter[str] = Counter()
+    for report in (r for reports in terminalreporter.stats.values() for r in reports if hasattr(r, "duration")):
+        file = report.nodeid.partition("::")[0]
+        spent[file] += report.duration
+        tests[file] += report.when == "call"
+    if (whole := sum(spent.values())) < 120:
+        return
+    terminalreporter.section("minutes of all workers together")
+    for file, seconds in spent.most_common(16):
+        terminalreporter.write_line(f"{seconds / 60:6.2f} {seconds / whole:6.1%} {tests[file]:5d} tests  {file}")
+    terminalreporter.write_line(f"{whole / 60:6.2f} 100.0% {sum(tests.values()):5d} tests")
 
 
 # JACK ----------------------------------------------------------------------------------------------------------------
