@@ -28,6 +28,7 @@ from devices.servers import (
     needs_jack,
     offline,
     textured,
+    unjudged,
     until_judged,
     without,
 )
@@ -299,8 +300,10 @@ def taken_away(environment, name, take_away):
         report, _, error = player.end()
         took = time.monotonic() - began
     assert "the device has" in error and "still there" in error
-    assert report["delivered"] + report["lost"] == report["produced"] > 0
+    assert report["delivered"] + report["lost"] == report["produced"]
     assert took < 1.0 + CLOSE_WITHIN + 1.0 + SLACK, "a second for the error, two for close, and the end of the interpreter"
+    if not report["produced"]:
+        unjudged("the device took nothing in 0.3 s")
 
 
 @needs_jack
