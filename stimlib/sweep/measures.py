@@ -95,10 +95,11 @@ def measure(
     if (unit_ is None) == (not figures) or not isinstance(unit_, str | None):
         raise BadValue('measure: give the unit of the figure, measure("N"), or several by name, measure(onset="s", slope="N/s")')
 
+    for text in figures.values() if unit_ is None else [unit_]:
+        unit(text)
+
     def made(function: Callable[..., Any]) -> Measure:
         units = {function.__name__: unit_} if unit_ is not None else figures
-        for text in units.values():
-            unit(text)
         return Measure(function.__name__, units, function if prepare else partial(_alone, function), prepare)
 
     return made
@@ -133,8 +134,6 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
     listed = [asked] if isinstance(asked, str | Measure) or callable(asked) else list(asked)
     found = [_measure(one, scene) for one in listed]
     figures = [name for m in found for name in m.units]
-    if not found:
-        raise BadValue(f'a sweep needs measures, such as ["rms", "peak"]; there are {", ".join(NAMED)}')
     if twice := [name for name in figures if figures.count(name) > 1]:
         raise BadValue(f"measures: the figure {twice[0]} is there twice")
     return found
@@ -173,7 +172,7 @@ def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Mea
     inputs = tuple(rendering.scene.inputs)
     n = rendering.y.shape[1]
     x = positions(sources_of(rendering.motion, inputs, n), 0, n, rendering.fs)
-    given = dict(zip(inputs, x, strict=True))
+    given = dict(zip(inputs, x, strict=True)) or {"": np.empty(n)}
     values = [v for m in found for v in m(rendering, m.prepare(given, rendering.fs) if m.prepare else None)]
     return dict(zip((name for m in found for name in m.units), values, strict=True))
 
@@ -273,10 +272,9 @@ def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Mea
     """
     low, high = _edges(low, high, "psd")
     names = _outputs(scene, outputs, "psd")
-    thirds = [k for k in range(-200, 201) if low * 0.99 <= NOMINAL[k % 10] * 10.0 ** (k // 10) <= high * 1.01]
-    units = {
-        f"psd_{NOMINAL[k % 10] * 10.0 ** (k // 10):g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz")) for n in names for k in thirds
-    }
+    nominal = {k: NOMINAL[k % 10] * 10.0 ** (k // 10) for k in range(-40, 60)}
+    thirds = [k for k, f in nominal.items() if low * 0.99 <= f <= high * 1.01]
+    units = {f"psd_{nominal[k]:g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz")) for n in names for k in thirds}
     edges = tuple((10 ** ((k - 0.5) / 10), 10 ** ((k + 0.5) / 10)) for k in thirds)
     return Measure("psd", units, partial(_psd, names), partial(_bins, edges))
 
@@ -288,7 +286,7 @@ def _psd(names: Sequence[str], rendering: Rendering, ready: Any) -> list[float]:
 
 
 def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
-    if isinstance(low, str) or isinstance(high, str) or not 0 <= low < high:
+    if isinstance(low, str) or isinstance(high, str) or not 0 <= low <= high:
         raise BadValue(f"measures: {what}: give the band in Hz, lower edge first: {EXAMPLES[what]}")
     return low, high
 

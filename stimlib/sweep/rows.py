@@ -57,8 +57,9 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
         if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
             raise BadValue(f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]")
         listed = axis if isinstance(axis, np.ndarray) else list(axis)
-        kinds = {type(v) for v in listed if not isinstance(v, (int, float, np.number)) or isinstance(v, bool)}
-        values[name] = np.asarray(listed)
+        whole = all(isinstance(v, int | np.integer) and not isinstance(v, bool) for v in listed)
+        kinds = {"number" if isinstance(v, int | float | np.number) and not isinstance(v, bool) else type(v) for v in listed}
+        values[name] = np.asarray(listed, np.uint64 if whole and max(listed, default=0) >= 2**63 else None)
         if values[name].ndim != 1 or not values[name].size or values[name].dtype.kind not in "biufU" or len(kinds) > 1:
             raise BadValue(f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all truth values")
     if not values:
@@ -72,7 +73,7 @@ def table_of(rows: Any) -> pa.Table:
     Parameters
     ----------
     rows : mapping of str to sequence, table, or path
-        Columns by name; a table of Arrow, pandas, polars or of any other library that speaks Arrow's C stream; a CSV or Parquet file.
+        Columns by name; a table of pandas, or of polars, Arrow and others that speak Arrow's C stream; a CSV or Parquet file.
 
     Raises
     ------
@@ -266,7 +267,7 @@ def _seeds(pa: Any, column: Any) -> np.ndarray:
     good = values.dtype.kind in "iu" and bool((values >= 0).all())
     if not good:
         bad = int(np.argmin(values >= 0)) if values.dtype.kind in "iuf" else 0
-        raise BadValue(f"rows: seed = {values[bad]!r} in row {bad} (the first is 0) must be a whole number from 0 to 2**64 - 1")
+        raise BadValue(f"rows: seed = {values[bad]} in row {bad} (the first is 0) must be a whole number from 0 to 2**64 - 1")
     return values.astype(np.uint64)
 
 
