@@ -9,11 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, UnitError, UnknownName, constant
 from stimlib.analysis.cues import cues
 from stimlib.blocks import fir, pink_noise, white_noise
+from stimlib.cli import app
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
@@ -95,18 +97,18 @@ def test_processes_jobs_and_order_change_no_bit(monkeypatch):
     words = RUN | {"measures": ["rms", "band(20, 1000)"]}
     one = sweep(squeeze(fingers=1), rows, workers=1, **words)
     shuffled = {n: c[::-1].copy() for n, c in rows.items()}
-    monkeypatch.setattr("stimlib.sweep.study.MOST_ROWS", 5)
+    monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 5)
     two = sweep(squeeze(fingers=1), shuffled, workers=2, **words)
     assert one.equals(two.take(pa.array(range(35, -1, -1))).combine_chunks())
     assert len(set(one["rms_force1"].to_pylist())) == 25, "without vibration all seeds are equal"
 
 
 def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
-    monkeypatch.setattr("stimlib.sweep.study.DEATHS", 2)
-    rows = {"k": [4.0, 5.0, 6.0, 7.0]}
+    monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 2)
+    rows = {"k": [4.0, 7.0, 6.0, 5.0]}
     table = sweep(SPRING, rows, measures=["rms", deadly], workers=2, **RUN)
     assert [r["k"] for r in table.to_pylist() if r["deadly"] is None] == [7.0]
-    assert table["error"][3].as_py() == "2 times: it ended its process with exit status 3"
+    assert table["error"][1].as_py() == "2 times: it ended its process with exit status 3"
 
 
 # Rows ----------------------------------------------------------------------------------------------------------------
@@ -360,3 +362,51 @@ def test_a_dry_run_tells_what_it_will_take(tmp_path):
     told = sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "out", **RUN)
     assert (told.rows, told.there, told.samples) == (100, 0, 400) and 0 < told.hours(2) < 1e-3
     assert "100 rows, 0 of them there" in str(told) and "2 cores" in str(told) and not (tmp_path / "out").exists()
+
+
+# From a terminal -----------------------------------------------------------------------------------------------------
+def run(*words):
+    return CliRunner().invoke(
+        app, ["sweep", *words, "--motion", "minimum_jerk(depth=0.02)", "--seconds", "0.05", "--workers", "1"]
+    )
+
+
+def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run(
+        "squeeze(fingers=1)", "--axis", "k=500:1500:3", "--axis", "seed=0..1", "--measure", "peak", "--out", "out", "--json"
+    )
+    assert done.exit_code == 0, done.output
+    wanted = sweep(squeeze(fingers=1), grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1]), measures="peak", **RUN)["peak_force1"]
+    told = json.loads(done.stdout)
+    assert (told["rows"], told["failed"], told["figures"]["peak_force1"]["largest"]) == (6, 0, max(wanted.to_pylist()))
+    (tmp_path / "own_study.py").write_text(
+        "import stimlib\nfrom stimlib.sweep import measure\n"
+        "@measure('N')\ndef lowest(run):\n    return run['force'].min()\n"
+        "def made(gain, k=3.0):\n"
+        "    return stimlib.Scene({'force': gain * stimlib.Param('k', k, 'N/m') * stimlib.Input('x', 'm')})\n"
+    )
+    (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
+    words = ["own_study.py:made", "--rows", "rows.csv", "--measure", "own_study.py:lowest"]
+    done = run(*words)
+    assert done.exit_code == 2 and "k: both a live parameter and an argument of made" in done.stderr
+    done = run(*words, "--live", "k")
+    assert done.exit_code == 0 and "2 rows, 0 failed" in done.stdout and "lowest" in done.stdout, done.output
+    done = run(*words, "--live", "k", "--dry")
+    assert done.exit_code == 0 and "2 rows, 0 of them there" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "name the rows"),
+        (("--axis", "k"), "write NAME=FROM:TO:HOW_MANY"),
+        (("--axis", "k=1:2:0.5"), "a whole number above 0"),
+        (("--axis", "q=1,2"), "there is no q in the scene"),
+        (("--axis", "k=1,soft"), "k = '1' must be a number"),
+        (("--axis", "k=1,2", "--measure", "loud"), "no 'loud'"),
+    ],
+)
+def test_mistakes_on_the_command_line_are_one_line(words, says):
+    done = run("squeeze", *words)
+    assert done.exit_code == 2 and done.stderr.startswith("error: ") and says in done.stderr, done.output

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import pickle
 import time
+from collections.abc import Callable
 from typing import Any, Self
 
 from ..core.packages import package
 from ..core.pool import Pool, WorkerDied
 from ..errors import BadValue, MissingPackage, SinkError
+from .drive import TASK, drive
 from .plan import Plan, versions
+from .rows import arrow
+from .store import Store
 from .work import Motions, Runner, as_bytes, begin, differing, figures_table, from_bytes, run_kept, run_part
 
 BESIDE = 2  # jobs of a cluster for each thread: one that runs and one that waits
 FEWEST = 8  # jobs that are sent to a cluster whose workers are still to come
+Run = Callable[[Plan, Motions, bytes], tuple[bytes, float]]
 PATIENCE = 20.0  # s, for a scheduler to answer
 
 
@@ -89,7 +94,7 @@ class Cluster:
     """
 
     def __init__(self, on: Any, plan: Plan, motions: Motions):
-        self._distributed = package("distributed", "a sweep on a cluster", "'stimlib[sweep]'")
+        self._distributed = _distributed()
         self._own = isinstance(on, str)
         if not self._own and not isinstance(on, self._distributed.Client):
             raise BadValue(f"on = {on!r:.80} must be a dask.distributed Client, or the address of a scheduler")
@@ -97,11 +102,7 @@ class Cluster:
         self._on = on
 
     def __enter__(self) -> Self:
-        d = self._distributed
-        try:
-            self._client = d.Client(self._on, timeout=PATIENCE) if self._own else self._on
-        except (OSError, ValueError) as e:
-            raise SinkError(f"there is no Dask scheduler at {self._on}: {e}") from e
+        self._client = connected(self._on) if self._own else self._on
         try:
             self._check()
             self._held = self._client.submit(same, self._plan, key=f"plan-{self._plan.key}-{self._plan.seconds}")
@@ -112,7 +113,7 @@ class Cluster:
         except BaseException:
             self._close()
             raise
-        self._done = d.as_completed()
+        self._done = self._distributed.as_completed()
         self._flying: dict[Any, Any] = {}
         self._asked, self._threads = 0.0, 1
         return self
@@ -133,8 +134,8 @@ class Cluster:
         for worker, found in self._client.run(versions, on_error="return").items():
             if isinstance(found, BaseException):
                 raise MissingPackage(f"worker {worker} cannot run stimlib: {found}: install stimlib[sweep] there, as here")
-            if other := differing(found, versions()):
-                raise BadValue(f"worker {worker} has {other} as here: figures would differ; install the same there")
+            if other := differing(found, self._plan.versions):
+                raise BadValue(f"worker {worker} has {other} as here: the figures would differ; install the same there")
 
     def workers(self) -> int:
         if time.monotonic() > self._asked + 2.0:
@@ -145,23 +146,48 @@ class Cluster:
         return max(0, max(BESIDE * self.workers(), FEWEST) - len(self._flying))
 
     def submit(self, what: Any, data: bytes) -> None:
-        names = what.rows["motion"].unique().to_pylist() if "motion" in what.rows.column_names else [""]
+        self._send(run_part, what, data)
+
+    def _send(self, run: Run, what: Any, data: bytes) -> None:
+        table = from_bytes(data)
+        names = table["motion"].unique().to_pylist() if "motion" in table.column_names else [""]
         hands = [(name, *self._hands[name]) for name in names]
-        future = self._client.submit(run_sent, self._held, [h[:2] for h in hands], [h[2] for h in hands], data, pure=False)
-        self._flying[future] = what
+        future = self._client.submit(run_sent, run, self._held, [h[:2] for h in hands], [h[2] for h in hands], data, pure=False)
+        self._flying[future] = what, data
         self._done.add(future)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
-        future = next(self._done)
-        what = self._flying.pop(future)
-        try:
-            return what, future.result(), ""
-        except self._distributed.KilledWorker as e:
-            return what, None, f"it ended its worker ({e!r:.200})"
-        except (self._distributed.CancelledError, OSError) as e:
-            raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
-        finally:
-            future.release()
+        while True:
+            future = next(self._done)
+            what, data = self._flying.pop(future)
+            try:
+                return what, future.result(), ""
+            except self._distributed.KilledWorker:
+                self._send(run_apart, what, data)
+            except (self._distributed.CancelledError, OSError) as e:
+                raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
+            finally:
+                future.release()
+
+
+def _distributed() -> Any:
+    return package("distributed", "a sweep on a cluster", "'stimlib[sweep]'")
+
+
+def connected(address: str) -> Any:
+    """A client of the scheduler at an address.
+
+    Raises
+    ------
+    SinkError
+        There is none.
+    MissingPackage
+        distributed is not installed.
+    """
+    try:
+        return _distributed().Client(address, timeout=PATIENCE)
+    except (OSError, ValueError) as e:
+        raise SinkError(f"there is no Dask scheduler at {address}: {e}") from e
 
 
 def same(what: Any) -> Any:
@@ -169,6 +195,16 @@ def same(what: Any) -> Any:
     return what
 
 
-def run_sent(plan: Plan, names: list[tuple[str, bytes]], motions: list[Any], data: bytes) -> tuple[bytes, float]:
-    """`run_part`, where motions come as results of tasks."""
-    return run_part(plan, {name: (digest, m) for (name, digest), m in zip(names, motions, strict=True)}, data)
+def run_sent(run: Run, plan: Plan, names: list[tuple[str, bytes]], motions: list[Any], data: bytes) -> tuple[bytes, float]:
+    """A job as a task, where motions come as results of other tasks."""
+    return run(plan, {name: (digest, m) for (name, digest), m in zip(names, motions, strict=True)}, data)
+
+
+def run_apart(plan: Plan, motions: Motions, data: bytes) -> tuple[bytes, float]:
+    """A job whose workers died, in a process of its own beside the worker: what ends that is one row, whose error it is."""
+    began, rows = time.perf_counter(), from_bytes(data)
+    with Store(None, {}, {}, False) as store, Local(plan, motions, 1) as engine:
+        drive(plan, rows, store, engine, TASK, lambda done: None)
+    made = arrow().concat_tables(store.tables, promote_options="permissive").combine_chunks()
+    order = arrow("pyarrow.compute").index_in(rows["key"].combine_chunks(), value_set=made["key"].combine_chunks())
+    return as_bytes(made.take(order).select([*plan.units, "fault", "error"])), time.perf_counter() - began

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,20 +17,18 @@ from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, StimlibError
 from ..run.rendering import Rendering
+from .drive import drive, joined
 from .engines import Cluster, Here, Local
 from .measures import NAMED, Measure, measures_of
 from .plan import Plan, frames, in_order, motion_digest, motion_of, row_keys, shared_key, versions
 from .rows import arguments_of, arrow, checked, roles_of, table_of
 from .store import Store
-from .work import Motions, Runner, as_bytes, error_text, figures_table, from_bytes
+from .work import Motions, Runner, error_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TASK = 3.0  # s of work in one job: what a job costs beside is then below 1 %
 QUICK = 4.0  # s of work for which no process is started
-MOST_ROWS = 20_000  # of a job
-DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 
 class Forecast(NamedTuple):
@@ -221,7 +218,7 @@ def _planned(make: Any, rows: Any, motion: Any, measures: Any, fs: Any, seconds:
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}")
     fs, table = rate(fs), table_of(rows)
-    scene = _some_scene(make, table)
+    scene = some_scene(make, table)
     roles = roles_of(make, scene, table.column_names, live)
     named = "motion" in table.column_names
     if named and not isinstance(motion, Mapping):
@@ -247,7 +244,7 @@ def _planned(make: Any, rows: Any, motion: Any, measures: Any, fs: Any, seconds:
     return table, plan, motions, {"key": key, **facts}, about
 
 
-def _some_scene(make: Scene | Callable[..., Scene], table: pa.Table) -> Scene:
+def some_scene(make: Scene | Callable[..., Scene], table: pa.Table) -> Scene:
     """The scene, or what the factory makes of the first, the middle or the last row."""
     if isinstance(make, Scene):
         return make
@@ -282,6 +279,7 @@ def _pilot(plan: Plan, motions: Motions, todo: pa.Table, new: bool) -> Pilot:
     """Run the first, the middle and the last row; what all of them have wrong is an error now, and no lost night."""
     runner = Runner(plan, motions)
     errors: list[Exception] = []
+    times: list[float] = []
     probes = [0, *_probes(todo.num_rows)]
     for at in probes:  # the first once more: the first time is that of its scene
         began = time.perf_counter()
@@ -289,12 +287,12 @@ def _pilot(plan: Plan, motions: Motions, todo: pa.Table, new: bool) -> Pilot:
             runner.figures(todo.slice(at, 1).to_pylist()[0])
         except Exception as e:
             errors.append(e)
-        seconds = time.perf_counter() - began
+        times.append(time.perf_counter() - began)
     if new and len(errors) == len(probes):
         first = errors[0]
         text = f"sweep: the first row fails, and so do others: {error_text(first)}"
         raise (type(first) if isinstance(first, StimlibError) else BadValue)(text) from first
-    return Pilot(runner, seconds)
+    return Pilot(runner, sorted(times[1:])[len(times) // 2 - 1])
 
 
 def _is_folder(out: Any) -> bool:
@@ -323,29 +321,6 @@ def _missing(keyed: pa.Table, store: Store) -> pa.Table:
     return keyed.take(pa.array(np.sort(first)))
 
 
-class Engine(Protocol):
-    """Where jobs run."""
-
-    def room(self) -> int:
-        """How many jobs it takes now."""
-
-    def workers(self) -> int:
-        """How many run at once."""
-
-    def submit(self, what: Any, data: bytes) -> None:
-        """Give it a job."""
-
-    def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
-        """The next job that is done: its result, or why its process died."""
-
-
-class Job(NamedTuple):
-    """Some rows that run together."""
-
-    rows: Any
-    deaths: int = 0
-
-
 def _run(
     plan: Plan, motions: Motions, todo: pa.Table, store: Store, pilot: Pilot, on: Any, workers: int | None, progress: bool
 ) -> None:
@@ -361,52 +336,11 @@ def _run(
             else:
                 engine = Local(plan, motions, min(workers or os.cpu_count() or 1, n))
             with engine:
-                _drive(plan, todo, store, engine, pilot.row_seconds, advance)
+                drive(plan, todo, store, engine, pilot.row_seconds, advance)
     except KeyboardInterrupt:
         what = f"{store.rows - began} of {n} rows were done"
         kept = "; run it again for the rest" if store.folder is not None else ", and are lost: with out= they are kept"
         raise KeyboardInterrupt(what + kept) from None
-
-
-def _drive(plan: Plan, todo: pa.Table, store: Store, engine: Engine, row_seconds: float, advance: Callable[..., None]) -> None:
-    """Jobs of some seconds that shrink towards the end, no more of them than are needed to keep all workers busy."""
-    again: deque[Job] = deque()
-    at = flying = 0
-    while flying or again or at < todo.num_rows:
-        while engine.room() and (again or at < todo.num_rows):
-            if again:
-                job = again.popleft()
-            else:
-                left = todo.num_rows - at
-                most = min(TASK / row_seconds, left / (2 * engine.workers()), MOST_ROWS)
-                job = Job(todo.slice(at, max(1, int(most))))
-                at += job.rows.num_rows
-            engine.submit(job, as_bytes(job.rows))
-            flying += 1
-        job, result, death = engine.take()
-        flying -= 1
-        size = job.rows.num_rows
-        if result is None:
-            if size > 1:
-                again.extend((Job(job.rows.slice(0, size // 2)), Job(job.rows.slice(size // 2))))
-                continue
-            if job.deaths + 1 < DEATHS:
-                again.append(Job(job.rows, job.deaths + 1))
-                continue
-            figures = figures_table(plan, [None], [None], [f"{DEATHS} times: {death}"])
-        else:
-            figures, seconds = from_bytes(result[0]), result[1]
-            row_seconds = 0.5 * row_seconds + 0.5 * seconds / size
-        store.add(_joined(plan, job.rows, figures))
-        advance(size)
-
-
-def _joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:
-    """Rows with their figures, in the columns of a part."""
-    for name in figures.column_names:
-        field = figures.field(name)
-        rows = rows.append_column(field.with_metadata({"unit": plan.units[name]}) if name in plan.units else field, figures[name])
-    return rows
 
 
 def _result(plan: Plan, keyed: pa.Table, store: Store, facts: Mapping[str, Any], about: Mapping[str, Any]) -> pa.Table:
@@ -417,5 +351,5 @@ def _result(plan: Plan, keyed: pa.Table, store: Store, facts: Mapping[str, Any],
     if store.retry:  # the last run of a row counts
         done = done.take(pa.array(np.arange(done.num_rows)[::-1]))
     found = done.take(pc.index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()))
-    table = _joined(plan, keyed.drop_columns(["key"]), found.select(names))
+    table = joined(plan, keyed.drop_columns(["key"]), found.select(names))
     return table.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
