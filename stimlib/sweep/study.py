@@ -146,7 +146,7 @@ def sweep(
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
-    table, plan, motions, facts, about = _planned(make, rows, motion, measures, fs, seconds, live)
+    table, plan, motions, facts, about = planned(make, rows, motion=motion, measures=measures, fs=fs, seconds=seconds, live=live)
     if not plan.units:
         raise BadValue(f'a sweep needs measures, such as ["rms", "peak"]; there are {", ".join(NAMED)}')
     if workers is not None and (not isinstance(workers, int) or workers < 1):
@@ -205,7 +205,9 @@ def rendering(
     whole = table_of(rows)
     if not isinstance(at, int | np.integer) or not 0 <= at < whole.num_rows:
         raise BadValue(f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}")
-    table, plan, motions, *_ = _planned(make, whole.slice(int(at), 1), motion, (), fs, seconds, live)
+    table, plan, motions, *_ = planned(
+        make, whole.slice(int(at), 1), motion=motion, measures=(), fs=fs, seconds=seconds, live=live
+    )
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
 
 
@@ -213,7 +215,9 @@ def rendering(
 Planned = tuple["pa.Table", Plan, Motions, dict[str, Any], dict[str, Any]]
 
 
-def _planned(make: Any, rows: Any, motion: Any, measures: Any, fs: Any, seconds: Any, live: Any) -> Planned:
+def planned(
+    make: Any, rows: Any, *, motion: Any, measures: Any, fs: float, seconds: float | None, live: Collection[str] | None
+) -> Planned:
     """Everything that can be known without a run, checked: rows, plan, motions, and what a sidecar tells."""
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}")
