@@ -93,8 +93,12 @@ def test_a_live_parameter_is_set_and_an_argument_makes_a_scene():
 
 
 def test_processes_jobs_and_order_change_no_bit(monkeypatch):
-    rows = grid(A=[0.0, 1.0, 3.4], seed=range(12))
-    words = RUN | {"measures": ["rms", "band(20, 1000)"]}
+    @measure("N")  # of no module that a worker could import
+    def mean(r):
+        return scale * r["force1"].mean()
+
+    scale, rows = 2.0, grid(A=[0.0, 1.0, 3.4], seed=range(12))
+    words = RUN | {"measures": ["rms", "band(20, 1000)", mean]}
     one = sweep(squeeze(fingers=1), rows, workers=1, **words)
     shuffled = {n: c[::-1].copy() for n, c in rows.items()}
     monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 5)
@@ -172,6 +176,7 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"measures": [measure("N")(lambda r: 1 / 0)]}, BadValue, "ZeroDivisionError"),
         ({"seconds": None}, BadValue, "how many seconds"),
         ({"motion": {"y": HAND}}, UnknownName, "x is missing"),
+        ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
         ({"live": ["A"]}, UnknownName, "A is no parameter"),
         ({"workers": 0}, BadValue, "workers = 0"),
         ({"fs": -1}, BadValue, "fs"),
@@ -361,6 +366,9 @@ def test_a_dry_run_tells_what_it_will_take(tmp_path):
     rows = grid(k=np.arange(1.0, 101.0))
     told = sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "out", **RUN)
     assert (told.rows, told.there, told.samples) == (100, 0, 400) and 0 < told.hours(2) < 1e-3
+    (tmp_path / "empty").mkdir()
+    sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "empty", **RUN)
+    assert not list((tmp_path / "empty").iterdir()), "nothing is written"
     assert "100 rows, 0 of them there" in str(told) and "2 cores" in str(told) and not (tmp_path / "out").exists()
 
 

@@ -22,7 +22,7 @@ from ..motion.generators import Motion as Generated
 from ..motion.recorded import Recording
 from ..motion.source import frames_of, sources_of
 from .measures import Measure
-from .rows import Roles, arrow
+from .rows import Roles, arrow, name_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -57,7 +57,7 @@ class Plan:
             return self.make
         made = self.make(**{name: row[name] for name in self.roles.arguments})
         if not isinstance(made, Scene):
-            raise BadValue(f"{self.make.__name__} returns {type(made).__name__}, not a Scene")
+            raise BadValue(f"{name_of(self.make)} returns {type(made).__name__}, not a Scene")
         return made
 
 

@@ -209,7 +209,7 @@ def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection
         if both := [n for n in columns if n in chosen and n in known]:
             example = ", ".join(repr(n) for n in both)
             raise BadValue(
-                f"rows: {', '.join(both)}: both a live parameter and an argument of {make.__name__}: say live=[{example}] to set "  # type: ignore[union-attr]
+                f"rows: {', '.join(both)}: both a live parameter and an argument of {name_of(make)}: say live=[{example}] to set "
                 "parameters of one compiled scene (quick), or live=[] to make a scene of each value"
             )
     rest = [n for n in columns if n not in chosen]
@@ -218,6 +218,11 @@ def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection
         there += f"; arguments: {', '.join(known) or 'none'}" if not isinstance(make, Scene) else ""
         raise UnknownName(f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion")
     return Roles(tuple(n for n in columns if n in chosen), tuple(rest))
+
+
+def name_of(make: Any) -> str:
+    """What a factory is called."""
+    return getattr(make, "__name__", "the function")
 
 
 def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:

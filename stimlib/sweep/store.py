@@ -38,6 +38,8 @@ class Store:
         More for the sidecar: units, motions.
     retry : bool
         Whether rows that failed count as not there.
+    dry : bool
+        Only look.
 
     Raises
     ------
@@ -47,8 +49,15 @@ class Store:
         It has another sweep; the message says in what that differs.
     """
 
-    def __init__(self, folder: str | os.PathLike[str] | None, facts: Mapping[str, Any], about: Mapping[str, Any], retry: bool):
-        self.retry, self.rows = retry, 0
+    def __init__(
+        self,
+        folder: str | os.PathLike[str] | None,
+        facts: Mapping[str, Any],
+        about: Mapping[str, Any],
+        retry: bool,
+        dry: bool = False,
+    ):
+        self.retry, self.dry, self.rows = retry, dry, 0
         self.folder = None if folder is None else regular.make_folder(folder)
         self.tables: list[pa.Table] = []
         self._waiting: list[pa.Table] = []
@@ -78,19 +87,17 @@ class Store:
         known = self._same(sidecar) if sidecar.exists() else {}
         if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
             raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
-        about = dict(self._about)
-        about["motion"] = known.get("motion", {}) | about.get("motion", {})
-        if known != (told := {"stimlib_sweep": VERSION, **self._facts, **about}):
+        parts = {path: _part(path) for path in sorted(folder.glob("part-*.parquet"))}
+        self.tables += [table for table in parts.values() if table is not None]
+        if self.dry:
+            return
+        motions = known.get("motion", {}) | self._about["motion"]
+        if known != (told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}):
             regular.publish(sidecar, json.dumps(told, indent=1) + "\n")
-        for path in sorted(folder.glob("part-*.parquet")):
-            table = _part(path)
-            if table is None:
-                aside = path.with_suffix(".damaged")
-                os.replace(path, aside)
-                text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
-                warnings.warn(text, RuntimeWarning, stacklevel=4)
-            else:
-                self.tables.append(table)
+        for path in (path for path, table in parts.items() if table is None):
+            os.replace(path, aside := path.with_suffix(".damaged"))
+            text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
+            warnings.warn(text, RuntimeWarning, stacklevel=4)
         for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
             left.unlink(missing_ok=True)
 

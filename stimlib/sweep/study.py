@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core.pool import terminable
-from ..core.program import rate
+from ..core.program import rate, warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, StimlibError
+from ..motion.source import sources_of, warn_fast
 from ..run.rendering import Rendering
 from .drive import drive, joined
 from .engines import Cluster, Here, Local
 from .measures import NAMED, Measure, measures_of
 from .plan import Plan, frames, in_order, motion_digest, motion_of, row_keys, shared_key, versions
-from .rows import arguments_of, arrow, checked, roles_of, table_of
+from .rows import arguments_of, arrow, checked, name_of, roles_of, table_of
 from .store import Store
 from .work import Motions, Runner, error_text
 
@@ -153,7 +154,7 @@ def sweep(
         raise BadValue(f"sweep: workers = {workers!r} must be a whole number, at least 1")
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with Store(out if not dry or _is_folder(out) else None, facts, about, retry) as store:
+    with Store(out if not dry or _is_folder(out) else None, facts, about, retry, dry) as store:
         todo = _missing(keyed, store)
         pilot = _pilot(plan, motions, todo, store.done() is None) if todo.num_rows else None
         if dry:
@@ -231,7 +232,11 @@ def planned(
     table = checked(table, scene, roles, given)
     used = table["motion"].unique().to_pylist() if named else [""]
     for name in used:
-        frames(motion_of(given[name], scene), fs, seconds)
+        sources = motion_of(given[name], scene)
+        n = frames(sources, fs, seconds)
+        sources_of(sources, tuple(scene.inputs), n)
+        warn_fast(sources, scene, n / fs)
+        warn_beyond(scene.program, fs, n)
     motions = {name: (motion_digest(given[name], fs, seconds), given[name]) for name in used}
     asked = tuple(measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures])
     found = measures_of(asked, scene)
@@ -262,9 +267,9 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table) -> Scene:
             error = error or e
             continue
         if not isinstance(scene, Scene):
-            raise SceneError(f"{make.__name__} returns {type(scene).__name__}, not a Scene")
+            raise SceneError(f"{name_of(make)} returns {type(scene).__name__}, not a Scene")
         return scene
-    raise BadValue(f"{make.__name__} makes no scene of the first row: {type(error).__name__}: {error}") from error
+    raise BadValue(f"{name_of(make)} makes no scene of the first row: {type(error).__name__}: {error}") from error
 
 
 def _probes(n: int) -> list[int]:
