@@ -1,5 +1,6 @@
 """Sweeps: the bits of `render`, bad input told before the first run, what is done is kept and nothing is done twice."""
 
+import dataclasses
 import json
 import os
 from collections import deque
@@ -26,7 +27,8 @@ from stimlib.sweep.rows import table_of
 HAND = minimum_jerk(depth=0.02)
 RUN = {"motion": HAND, "fs": 8000, "seconds": 0.05, "progress": False}
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
-COUNT: deque[float] = deque()  # no constant of the measure
+COUNT: deque[float] = deque()  # no constant of a measure, as a list would be
+BAD = deque([1.0, 3.0])
 
 
 @measure("N")
@@ -44,7 +46,7 @@ def deadly(r):
 
 @measure("N")
 def touchy(r):
-    if r.params["k"] in (1.0, 3.0):
+    if r.params["k"] in BAD:
         raise ZeroDivisionError(f"k = {r.params['k']:g}")
     return r["force"][-1]
 
@@ -249,6 +251,10 @@ def test_spectra_are_those_of_scipy():
     for k, name in enumerate(names, start=11):
         inside = (f >= 10 ** ((k - 0.5) / 10)) & (f < 10 ** ((k + 0.5) / 10))
         assert abs(got[name] / p[inside].mean() - 1) < 1e-12
+    for n in (400, 401):  # with 0 Hz, and half the sample rate where n is even
+        edge = dataclasses.replace(run, y=run.y[:, :n])
+        f, p = periodogram(edge["y"], 8000, "hann")
+        assert abs(measured(edge, "band(0, 9999)")["band_0_9999_y"] / np.sqrt(p.sum() * f[1]) - 1) < 1e-12
     short = stimlib.render(Scene({"y": constant(1.0) * 1}), {}, 8000, 0.05)
     assert np.isnan(measured(short, "psd(10, 10)")["psd_10_y"]), "no line in it"
 
@@ -277,8 +283,9 @@ def test_what_depends_on_the_motion_alone_is_made_once():
 # What is kept --------------------------------------------------------------------------------------------------------
 def test_only_what_is_missing_runs(tmp_path):
     out, words = tmp_path / "out", RUN | {"measures": [counted]}
+    COUNT.clear()
     first = sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words)
-    assert first["counted"][1] == first["counted"][2], "equal rows are one"
+    assert first["counted"][1] == first["counted"][2] and len(COUNT) == 3 + 2, "three before, then two: equal rows are one"
     COUNT.clear()
     assert sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words).equals(first) and not COUNT
     more = sweep(SPRING, {"k": [2.0, 5.0, 1.0], "seed": [0, 0, 0]}, out=out, **words)
@@ -309,8 +316,11 @@ def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatc
     with pytest.warns(RuntimeWarning, match="damaged"):
         assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole)
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".damaged", ".json", ".parquet"]
-    again = sweep(SPRING, rows, out=tmp_path, retry=True, **words)
-    assert again.equals(whole)
+    monkeypatch.setitem(globals(), "BAD", deque([1.0]))
+    assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole), "failed rows are done"
+    for retry in (True, False):
+        again = sweep(SPRING, rows, out=tmp_path, retry=retry, **words)
+        assert [e is None for e in again["error"].to_pylist()] == [False, True, True, True]
 
 
 def test_a_folder_of_others_is_left_alone(tmp_path):
@@ -346,6 +356,11 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
     base = "import numpy as np\nC = 2.0\ndef helper(x):\n    return x * 3\ndef f(r):\n    return helper(C) + np.sum(r)\n"
     same = defined("# moved\n\n" + base)
     assert same == defined(base)
+
+    def closing(c):
+        return lambda r: c * r.fs
+
+    assert identity(closing(1.0)) != identity(closing(2.0))
     for old, new in (("2.0", "2.5"), ("x * 3", "x * 4"), ("+ np", "- np")):
         assert defined(base.replace(old, new)) != same, new
 

@@ -357,8 +357,10 @@ def _result(plan: Plan, keyed: pa.Table, store: Store, facts: Mapping[str, Any],
     pa, pc = arrow(), arrow("pyarrow.compute")
     names = [*plan.units, "fault", "error"]
     done = pa.concat_tables([t.select(["key", *names]) for t in store.tables], promote_options="permissive").combine_chunks()
-    if store.retry:  # the last run of a row counts
-        done = done.take(pa.array(np.arange(done.num_rows)[::-1]))
+    failed = pc.is_valid(done["error"])
+    done = pa.concat_tables(
+        [done.filter(pc.invert(failed)), done.filter(failed)]
+    ).combine_chunks()  # a row that ran at last counts
     found = done.take(pc.index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()))
     table = joined(plan, keyed.drop_columns(["key"]), found.select(names))
     return table.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
