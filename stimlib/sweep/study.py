@@ -156,7 +156,7 @@ def sweep(
     keyed = table.append_column("key", row_keys(plan, table, digests))
     with Store(out if not dry or _is_folder(out) else None, facts, about, retry, dry) as store:
         todo = _missing(keyed, store)
-        pilot = _pilot(plan, motions, todo, store.done() is None) if todo.num_rows else None
+        pilot = _pilot(plan, motions, todo, new=not store.tables) if todo.num_rows else None
         if dry:
             return _forecast(table, todo, plan, pilot)
         if pilot is not None:
