@@ -12,7 +12,7 @@ from ..errors import BadValue, shown
 from . import options as opt
 from .app import command, note, print_json, print_wide
 from .motions import motions_of
-from .scene import SceneText, maker_of, number, own_of, run_files
+from .scene import SceneText, maker_of, number, own_of, run_files, touching
 
 
 @command("sweep", motions=motions_of)
@@ -77,7 +77,7 @@ def sweep_(
     if not live and all(name == "seed" or name in first.params for name in table.column_names):
         make = first  # no argument among them
     measures = [own_of(*m.rsplit(":", 1)) if ".py:" in m else m for m in measure]
-    motion, recorded = motions(first)
+    motion, recorded = motions(first, contact=touching(scene))
     made = sweep(
         make,
         table,
