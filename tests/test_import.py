@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-HEAVY = ("numba", "jax", "scipy", "pint", "matplotlib", "soundfile", "llvmlite", "rich", "typer", "jack", "sounddevice")
+SWEEP = ("pyarrow", "dask", "distributed", "cloudpickle")
+HEAVY = ("numba", "jax", "scipy", "pint", "matplotlib", "soundfile", "llvmlite", "rich", "typer", "jack", "sounddevice", *SWEEP)
 NOT_TO_RUN = {*HEAVY, "scipy.linalg", "numba.np.linalg", "optax", "pandas", "IPython"} - {"numba", "llvmlite", "scipy"}
 """What a compiled scene runs without; numba asks scipy for its version."""
 
@@ -30,6 +31,15 @@ def test_building_a_scene_loads_no_target():
     code = "import stimlib; stimlib.Scene({'y': stimlib.blocks.velocity(stimlib.Input('x')) > 0.0})"
     assert loaded(code) == set(), "units that are written as '' need no library"
     assert loaded("import stimlib; from stimlib.scenes import *; squeeze(), viscoelastic(), bumps()") == set()
+
+
+def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
+    assert loaded("import stimlib.sweep", SWEEP) == set()
+    code = """import sys; sys.modules["pyarrow"] = None
+import stimlib.sweep
+try: stimlib.sweep.sweep(stimlib.Scene({"y": stimlib.Input("x") * 1}), {"seed": [1]}, motion=abs, measures="rms", fs=1000)
+except stimlib.MissingPackage as e: print(e)"""
+    assert {"pyarrow,", "install", "'stimlib[sweep]'"} <= loaded(code)
 
 
 def test_the_interpreter_needs_no_compiler():

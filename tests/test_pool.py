@@ -8,12 +8,11 @@ import time
 
 import pytest
 
-from stimlib.core.pool import spread
+from stimlib.core.pool import Pool, WorkerDied, spread
 
 WORK = """
-import os, signal, sys, time
+import os, time
 from pathlib import Path
-from stimlib.core.pool import spread
 
 def work(folder, n):
     Path(folder, f"pid{os.getpid()}").touch()
@@ -24,15 +23,19 @@ def work(folder, n):
         part.rename(Path(folder, f"{n}"))
     finally:
         part.unlink(missing_ok=True)
+"""
+RUN = """
+import signal, sys
+from stimlib.core.pool import spread
+from work import work
 
-if __name__ == "__main__":
-    try:
-        with spread(work, [(sys.argv[1], n) for n in range(5)], workers=2) as results:
-            list(results)
-    except KeyboardInterrupt as e:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as stimlib.__main__
-        print(e)
-        sys.exit(130)
+try:  # no `if __name__ == "__main__"` is needed
+    with spread(work, [(sys.argv[1], n) for n in range(5)], workers=2) as results:
+        list(results)
+except KeyboardInterrupt as e:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as stimlib.__main__
+    print(e)
+    sys.exit(130)
 """
 
 
@@ -52,9 +55,10 @@ def alive(pid):
 )  # fmt: skip
 def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
     (tmp_path / "work.py").write_text(WORK)
+    (tmp_path / "run.py").write_text(RUN)
     folder = tmp_path / "out"
     folder.mkdir()
-    words = [sys.executable, str(tmp_path / "work.py"), str(folder)]
+    words = [sys.executable, str(tmp_path / "run.py"), str(folder)]
     with subprocess.Popen(words, stdout=-1, stderr=-1, text=True, start_new_session=True) as job:
         while not {"0", "1.part", "2.part"} <= set(os.listdir(folder)):
             assert job.poll() is None, job.stderr.read()
@@ -83,3 +87,23 @@ def test_results_come_in_order_and_an_error_is_that_of_the_job():
         list(results)
     with spread(pow, []) as results:
         assert list(results) == []
+
+
+def test_a_job_that_ends_its_process_is_told_and_the_others_go_on():
+    with Pool(1) as pool:
+        for what, function, *args in ((1, os._exit, 3), (2, pow, 2, 3), (3, os.kill, 0, "9")):
+            pool.submit(what, function, *args)
+            at, result, error = pool.take()
+            assert at == what
+            assert (result, type(error)) == {1: (None, WorkerDied), 2: (8, type(None)), 3: (None, TypeError)}[at]
+        pool.submit(4, os.getenv, "OMP_NUM_THREADS")
+        assert pool.take() == (4, "1", None)
+
+
+def test_what_cannot_begin_says_so(capfd):
+    with Pool(1, divmod, 1, 0) as pool:
+        pool.submit("job", pow, 2, 3)
+        assert isinstance(pool.take()[2], ZeroDivisionError)
+    with Pool(1, os._exit, 4) as pool, pytest.raises(WorkerDied, match="exit status 4 as it began"):
+        pool.submit("job", pow, 2, 3)
+        pool.take()

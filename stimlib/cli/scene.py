@@ -75,10 +75,37 @@ def scene_of(text: str) -> Scene:
     raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json")
 
 
+def maker_of(text: str) -> Scene | Callable[..., Scene]:
+    """What SCENE means to a sweep: a function is not called, because rows may have its arguments.
+
+    Raises
+    ------
+    UnknownName, SceneError
+        As `scene_of`.
+
+    Examples
+    --------
+    >>> from stimlib.cli.scene import maker_of
+    >>> maker_of("squeeze").__name__, maker_of("squeeze(fingers=1)")
+    ('squeeze', Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N]))
+    """
+    if text in shipped():
+        return shipped()[text]
+    path, _, name = text.rpartition(":")
+    return own_of(path, name) if path.endswith(".py") else scene_of(text)
+
+
+def own_of(path: str, name: str) -> Any:
+    """A scene, function or measure of a file of the user's, as it is; the file is run, and can be imported by workers then."""
+    if (folder := str(Path(path).resolve().parent)) not in sys.path:
+        sys.path.append(folder)
+    return _own(path, name, called=False)
+
+
 _ours: set[str] = set()  # names of the modules that _own has made
 
 
-def _own(path: str, function: str | None = None) -> Any:
+def _own(path: str, function: str | None = None, called: bool = True) -> Any:
     """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
 
     Where the file or the function raises, the error names their line.
@@ -105,6 +132,8 @@ def _own(path: str, function: str | None = None) -> Any:
                 or "no function without arguments, and no scene"
             )
             raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
+        if not called:
+            return found
         scene = found if isinstance(found, Scene) else found()
     except Exception as e:
         at = [frame.lineno for frame in traceback.extract_tb(e.__traceback__) if frame.filename == spec.origin]

@@ -4,17 +4,152 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any, Self, TypeVar
+
+from ..errors import StimlibError
 
 T = TypeVar("T")
 PATIENCE = 2.0  # s, for a worker to take back what it writes
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # processes share the cores already
+
+
+class WorkerDied(StimlibError, RuntimeError):
+    """A process ended in the middle of a job, or before it could begin with any."""
+
+
+class _Worker:
+    """One process, the connection to it, and what it is at."""
+
+    def __init__(self, process: subprocess.Popen, connection: Connection):
+        self.process, self.connection = process, connection
+        self.begun = False
+        self.job: Any = None
+
+
+class Pool:
+    """Processes of one thread each, which do one job after another.
+
+    They are new interpreters that run nothing of the program that made them: a script needs no ``if __name__ == "__main__"``.
+    Functions and arguments travel as pickles.  When the ``with`` block ends they end too, with what they write taken back; where
+    this process is killed, they also do.  Ctrl-C is for this process alone.
+
+    Parameters
+    ----------
+    workers : int
+        Processes, at least 1.
+    begin : callable and its arguments, optional
+        Called once in each process, before its first job.
+
+    Examples
+    --------
+    >>> from stimlib.core.pool import Pool
+    >>> with Pool(1) as pool:
+    ...     pool.submit("a power", pow, 2, 5)
+    ...     pool.take()
+    ('a power', 32, None)
+    """
+
+    def __init__(self, workers: int, *begin: Any):
+        self._begin = pickle.dumps(begin)
+        self._gone, self._held = os.pipe()  # nobody writes into it: it ends where this process does
+        self._workers = [self._start() for _ in range(workers)]
+        for worker in self._workers:
+            self._send(worker, self._begin)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._held)  # they are told
+        for worker in self._workers:
+            worker.connection.close()
+        until = time.monotonic() + PATIENCE
+        for worker in self._workers:
+            try:
+                worker.process.wait(max(0.0, until - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                worker.process.kill()
+                worker.process.wait()
+        os.close(self._gone)
+
+    @property
+    def room(self) -> int:
+        """How many processes have nothing to do."""
+        return sum(worker.job is None for worker in self._workers)
+
+    def submit(self, what: Any, function: Callable[..., Any], *args: Any) -> None:
+        """Give a job to a process that has none; ``what`` comes back with its result."""
+        worker = next(w for w in self._workers if w.job is None)
+        worker.job = (what,)
+        self._send(worker, pickle.dumps((function, args)))
+
+    def take(self) -> tuple[Any, Any, BaseException | None]:
+        """Wait for a job.
+
+        Returns
+        -------
+        (what, result, error)
+            The error is what the job raised, or ``WorkerDied``: then another process has taken the place of that one.
+
+        Raises
+        ------
+        WorkerDied
+            A process ended before it had begun: no other would do better.
+        """
+        while True:
+            busy = {w.connection: w for w in self._workers if w.job is not None}
+            for connection in wait(list(busy)):
+                worker = busy[connection]  # type: ignore[index]
+                try:
+                    answer = worker.connection.recv()
+                except (EOFError, OSError):
+                    return self._replaced(worker)
+                if answer is None:
+                    worker.begun = True
+                    continue
+                (what,), worker.job = worker.job, None
+                return (what, *answer)
+
+    def _replaced(self, worker: _Worker) -> tuple[Any, None, WorkerDied]:
+        status = worker.process.wait()
+        said = f"by signal {-status}" if status < 0 else f"with exit status {status}"
+        if not worker.begun:
+            raise WorkerDied(f"a worker process ended {said} as it began; what it wrote on stderr says why")
+        worker.connection.close()
+        new = self._start()
+        self._workers[self._workers.index(worker)] = new
+        self._send(new, self._begin)
+        return worker.job[0], None, WorkerDied(f"it ended its process {said}")
+
+    def _start(self) -> _Worker:
+        ours, theirs = multiprocessing.Pipe()
+        serve = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({theirs.fileno()}, {self._gone})"
+        kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is for this process
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-c", serve],
+                stdin=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(), self._gone),
+                env=os.environ | ONE_THREAD,
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+        theirs.close()
+        return _Worker(process, ours)
+
+    @staticmethod
+    def _send(worker: _Worker, data: bytes) -> None:
+        with suppress(BrokenPipeError, ConnectionResetError):  # `take` will find that it is gone
+            worker.connection.send_bytes(data)
 
 
 @contextmanager
@@ -50,50 +185,46 @@ def spread(function: Callable[..., T], jobs: Sequence[tuple], workers: int | Non
     [8, 16]
     """
     workers = min(workers or os.cpu_count() or 1, len(jobs))
-    futures: list[Future[T]] = []
+    done: list[int] = []
     try:
-        if workers <= 1:
-            yield (_at_once(futures, function, job) for job in jobs)
-        else:
-            with _terminable(), _workers(workers) as pool:
-                kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is for this process
-                try:
-                    futures += [pool.submit(_run, function, *job) for job in jobs]
-                finally:
-                    signal.pthread_sigmask(signal.SIG_SETMASK, kept)
-                yield (f.result() for f in futures)
+        with terminable():
+            if workers <= 1:
+                yield _here(function, jobs, done)
+            else:
+                with Pool(workers) as pool:
+                    yield _in_order(pool, function, jobs, done)
     except KeyboardInterrupt:
-        done = sum(f.done() and not f.cancelled() and f.exception() is None for f in futures)
-        what = f"{done} of {len(jobs)} were made, every file there is whole; run it again for the rest"
+        what = f"{len(done)} of {len(jobs)} were made, every file there is whole; run it again for the rest"
         raise KeyboardInterrupt(what) from None
 
 
-def _at_once(futures: list[Future[T]], function: Callable[..., T], job: tuple) -> T:
-    result = function(*job)
-    futures.append(Future())
-    futures[-1].set_result(result)
-    return result
+def _here(function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) -> Iterator[T]:
+    for k, job in enumerate(jobs):
+        result = function(*job)
+        done.append(k)
+        yield result
+
+
+def _in_order(pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) -> Iterator[T]:
+    results: dict[int, tuple[T, BaseException | None]] = {}
+    given = 0
+    for k in range(len(jobs)):
+        while k not in results:
+            while pool.room and given < len(jobs):
+                pool.submit(given, function, *jobs[given])
+                given += 1
+            at, result, error = pool.take()
+            results[at] = result, error
+            if error is None:
+                done.append(at)
+        result, error = results.pop(k)
+        if error is not None:
+            raise error
+        yield result
 
 
 @contextmanager
-def _workers(n: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that live as long as one end of a pipe is open, which nobody writes into."""
-    spawn = multiprocessing.get_context("spawn")
-    theirs, ours = spawn.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(n, spawn, _begin, (theirs,))
-    try:
-        yield pool
-    except BaseException:
-        ours.close()  # before they are waited for
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-        ours.close()
-        theirs.close()
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
+def terminable() -> Iterator[None]:
     """SIGTERM ends the program like an exception does, where nobody else takes it."""
     free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     if free:
@@ -111,20 +242,44 @@ def _end(number: int, frame: Any) -> None:
 
 
 # In a worker -------------------------------------------------------------------------------------------------------------
-def _begin(parent: Connection) -> None:
+def serve(connection: int, parent: int) -> None:
+    """Do what comes, until nobody is left who gives anything; both arguments are file descriptors."""
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    client = Connection(connection)
+    failed: Exception | None = None
+    with suppress(EOFError, OSError):
+        begin = client.recv_bytes()
+        try:
+            function, *args = pickle.loads(begin) or [_nothing]
+            function(*args)
+        except Exception as e:
+            failed = e
+        client.send(None)
+        while True:
+            client.send_bytes(_answer(client.recv_bytes(), failed))
 
 
-def _follow(parent: Connection) -> None:
-    parent.poll(None)  # until the other end is closed
+def _answer(data: bytes, failed: Exception | None) -> bytes:
+    try:
+        if failed is not None:
+            raise failed
+        function, args = pickle.loads(data)
+        return pickle.dumps((function(*args), None))
+    except Exception as e:
+        try:
+            pickle.loads(answer := pickle.dumps((None, e)))  # some exceptions cannot be made again
+        except Exception:
+            answer = pickle.dumps((None, RuntimeError(f"{type(e).__name__}: {e}")))
+        return answer
+
+
+def _nothing() -> None:
+    pass
+
+
+def _follow(parent: int) -> None:
+    os.read(parent, 1)  # until the other end is closed
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(PATIENCE)
     os._exit(128 + signal.SIGTERM)
-
-
-def _run(function: Callable[..., T], *job: Any) -> T:
-    try:
-        return function(*job)
-    except SystemExit as e:  # of _end; the pool would send it to the parent and go on
-        os._exit(e.code if isinstance(e.code, int) else 1)

@@ -116,8 +116,7 @@ def render_set(
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
     folder = regular.make_folder(folder)
     jobs = {
-        name: (folder / (name + suffix), scene.to_dict(), dict(motion), seconds, fs, seed, full_scale)
-        for name, scene in scenes.items()
+        name: (folder / (name + suffix), scene, dict(motion), seconds, fs, seed, full_scale) for name, scene in scenes.items()
     }
     with bar("rendering", len(jobs), progress) as advance:
         todo = {n: job for n, job in jobs.items() if not _is_there(*job)}
@@ -139,12 +138,12 @@ def render_set(
     return path
 
 
-def _write(path: Path, scene: dict, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> None:
-    proc = compile(Scene.from_dict(scene), fs, seed=seed)
+def _write(path: Path, scene: Scene, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> None:
+    proc = compile(scene, fs, seed=seed)
     file.write(path, proc, motion, seconds, full_scale=full_scale, progress=False)
 
 
-def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> bool:
+def _is_there(path: Path, scene: Scene, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> bool:
     """Whether a whole file of exactly this job is there already."""
     try:
         _, sidecar = file.read(path)
@@ -153,9 +152,9 @@ def _is_there(path: Path, scene: dict, motion: dict, seconds: float, fs: float, 
     if not all(callable(m) for m in motion.values()):
         return False  # in a sidecar all arrays are alike
     return (
-        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene, fs, round(seconds * fs), seed)
+        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene.to_dict(), fs, round(seconds * fs), seed)
         and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
         and all(c["full_scale"] == (full_scale or 1.0) for c in sidecar["channels"])
         and sidecar["stimlib"] == file.__version__
-        and sidecar["definitions"] == definitions(Scene.from_dict(scene))
+        and sidecar["definitions"] == definitions(scene)
     )

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..core.bounds import limits
+from ..core.packages import package
 from ..core.program import warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, MissingPackage, UnknownName
+from ..errors import BadValue, FaultError, UnknownName
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from .processor import Processor
 from .walk import rows_of, samples, walk
@@ -183,7 +184,7 @@ class Rendering:
         --------
         ``stimlib.render(scene, motion, fs=8000).to_xarray()["force"].sel(time=slice(0.1, 0.2)).plot()``
         """
-        xarray = _package("xarray", "to_xarray")
+        xarray = package("xarray", "to_xarray")
         outputs = {name: ("time", self[name].copy(), {"units": self.units[name]}) for name in self.outputs}
         facts = {"fs": self.fs, "seed": str(self.seed), "params": json.dumps(self.params), "scene_hash": self.scene.hash}
         return xarray.Dataset(outputs, {"time": ("time", self.t, {"units": "s"})}, facts)
@@ -205,7 +206,7 @@ class Rendering:
         --------
         ``stimlib.render(scene, motion, fs=8000).to_pandas().to_csv("force.csv")``
         """
-        pandas = _package("pandas", "to_pandas")
+        pandas = package("pandas", "to_pandas")
         columns = {name: self[name].copy() for name in self.outputs}
         frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="time"))
         frame.attrs["units"] = self.units
@@ -235,7 +236,7 @@ class Rendering:
         ``stimlib.render(scene, motion, fs=8000).audio("force")``
         """
         y = self[self.outputs[0] if output is None else output]
-        display = _package("IPython.display", "audio")
+        display = package("IPython.display", "audio")
         return display.Audio(y / (np.abs(y).max() or 1.0), rate=round(self.fs), normalize=False)
 
     def _tell(self, on_fault: str) -> None:
@@ -245,15 +246,6 @@ class Rendering:
         if on_fault == "raise":
             raise FaultError(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-
-def _package(module: str, what: str) -> Any:
-    """A module of a package that stimlib does not depend on."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as e:
-        name = module.partition(".")[0].lower()
-        raise MissingPackage(f"{what} needs the package {name}, which cannot be imported ({e}): pip install {name}") from None
 
 
 def render(

@@ -1,5 +1,6 @@
 """Sets of files: resumable, the same bytes whatever the number of workers, and an order that is fixed by its seed."""
 
+import importlib
 import json
 import os
 
@@ -22,12 +23,35 @@ def listing(folder):
     return {p.name: p.read_bytes() for p in folder.iterdir()}
 
 
-def test_bytes_do_not_depend_on_the_workers(tmp_path):
+OWN = """
+from dataclasses import dataclass
+from typing import NamedTuple
+from stimlib import Block
+
+class Numbers(NamedTuple):
+    a: float
+
+@dataclass(frozen=True, eq=False)
+class Doubled(Block):
+    x: Block
+    def design(self, fs):
+        return Numbers(2.0), Numbers(0.0)
+    @staticmethod
+    def step(p, s, x):
+        return p.a * x, s
+"""
+
+
+def test_bytes_do_not_depend_on_the_workers(tmp_path, monkeypatch):
+    (tmp_path / "doubling.py").write_text(OWN)  # a block of the user's, which workers import
+    monkeypatch.syspath_prepend(tmp_path)
+    doubled = importlib.import_module("doubling").Doubled
+    scenes = SET | {"own": stimlib.Scene({"y": doubled(stimlib.Input("x", "m"))})}
     for workers in (1, 2):
-        render_set(tmp_path / str(workers), SET, MOTION, 0.2, full_scale=400.0, workers=workers, progress=False)
+        render_set(tmp_path / str(workers), scenes, MOTION, 0.2, full_scale=400.0, workers=workers, progress=False)
     one = listing(tmp_path / "1")
     assert one == listing(tmp_path / "2")
-    assert len(one) == 2 * len(SET) + 1 and not [n for n in one if n.endswith(".part")]
+    assert len(one) == 2 * len(scenes) + 1 and not [n for n in one if n.endswith(".part")]
     y, _ = file.read(tmp_path / "1" / "sine6.wav")
     assert abs(y).max() <= 200.0
 

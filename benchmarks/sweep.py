@@ -1,0 +1,75 @@
+"""A row of a sweep against `render` in a loop: the two-finger squeeze, 3 s a row, rms and peak of each; and what keeps rows.
+
+python benchmarks/sweep.py             print
+python benchmarks/sweep.py --record    and keep the figures in results/sweep.csv
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bench import TIMES, Row, main, row
+
+import stimlib
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import squeeze
+from stimlib.speed.timing import interleaved, medians, ratio
+from stimlib.sweep import grid, sweep
+from stimlib.sweep.drive import drive
+from stimlib.sweep.engines import Local
+from stimlib.sweep.plan import row_keys
+from stimlib.sweep.store import Store
+from stimlib.sweep.study import planned
+from stimlib.sweep.work import Runner
+
+MS = "ms/row"
+HAND = minimum_jerk(depth=0.02)
+WORDS: dict[str, Any] = {"motion": HAND, "measures": ["rms", "peak"], "fs": 8000, "seconds": 3.0}
+FEW = grid(seed=[1, 2], k=np.linspace(500, 3000, 5), A=np.linspace(1, 4, 5))
+
+
+def rendered(scene: stimlib.Scene) -> list[tuple[float, float]]:
+    """What somebody writes without a sweep."""
+    figures = []
+    for seed, k, A in zip(*FEW.values(), strict=True):
+        run = stimlib.render(scene, {"x1": HAND, "x2": HAND}, 8000, 3.0, {"k": k, "A": A}, seed=int(seed))
+        figures += [(float(np.sqrt(np.mean(y**2))), float(np.abs(y).max())) for y in run.y]
+    return figures
+
+
+def processes(plan: Any, motions: Any, todo: Any, workers: int, row_seconds: float) -> float:
+    """Rows a second of so many processes, once they have begun."""
+    with Store(None, {}, {}, False) as store, Local(plan, motions, workers) as engine:
+        drive(plan, todo.slice(0, 100 * workers), store, engine, row_seconds, lambda done: None)
+        began = time.perf_counter()
+        drive(plan, todo, store, engine, row_seconds, lambda done: None)
+        return todo.num_rows / (time.perf_counter() - began)
+
+
+def measure() -> list[Row]:
+    """All rows."""
+    scene = squeeze()
+    table, plan, motions, *_ = planned(scene, FEW, **WORDS, live=None)
+    rows, runner, n = table.to_pylist(), Runner(plan, motions), table.num_rows
+    times = interleaved({"render in a loop": partial(rendered, scene), "sweep": partial(runner.run, rows)}, 9)
+    found = [row(f"one core, {what}", 1e3 * seconds / n, MS) for what, seconds in medians(times).items()]
+    found.append(row("ratio: render in a loop / sweep", ratio(times, "render in a loop", "sweep"), TIMES))
+    many, plan, motions, *_ = planned(scene, grid(seed=range(80), k=np.linspace(500, 3000, 50)), **WORDS, live=None)
+    todo = many.append_column("key", row_keys(plan, many, {name: digest for name, (digest, _) in motions.items()}))
+    each = medians(times)["sweep"] / n
+    cores = min(2, os.cpu_count() or 1)
+    speeds = [[processes(plan, motions, todo, w, each) for w in (1, cores)] for _ in range(3)]
+    one, several = (float(np.median([s[k] for s in speeds])) for k in (0, 1))
+    found += [row("1 process", 1e3 / one, MS), row(f"{cores} processes", 1e3 / several, MS)]
+    found.append(row(f"rate: {cores} processes / 1 process", float(np.median([b / a for a, b in speeds])), TIMES))
+    began = time.perf_counter()
+    sweep(scene, grid(seed=range(4000), k=np.linspace(500, 3000, 250)), **WORDS, dry=True)
+    return [*found, row("1e6 rows, planned", time.perf_counter() - began, "s")]
+
+
+if __name__ == "__main__":
+    main("sweep", __doc__, measure, cores=None)

@@ -1,0 +1,170 @@
+"""``sweep``: many rows of numbers, a few figures of each."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import BadValue, shown
+from . import options as opt
+from .app import command, note, print_json, print_wide
+from .motions import motions_of
+from .scene import SceneText, maker_of, number, own_of, run_files, touching
+
+
+@command("sweep", motions=motions_of)
+def sweep_(
+    scene: SceneText,
+    motions: Any,
+    axis: Annotated[
+        list[str],
+        typer.Option(
+            help="A column and its values: [bold]k=500:3000:11[/] (from, to, how many), [bold]A=0,1,3.4[/], "
+            "[bold]seed=0..99[/]. Repeatable: every combination is a row. A name is a parameter of the scene, an argument of its "
+            "function, or [bold]seed[/]."
+        ),
+    ] = [],
+    rows: Annotated[
+        Path | None, typer.Option(help="Instead of axes, a table of rows: .csv or .parquet, a column for each name.")
+    ] = None,
+    measure: Annotated[
+        list[str],
+        typer.Option(
+            help="What is kept of a rendering: [bold]rms[/], [bold]peak[/], [bold]'band(20, 1000)'[/], [bold]psd[/], "
+            "[bold]'cues(x1, force1)'[/], [bold]verify[/], of one output as [bold]'rms(force1)'[/]; or [bold]FILE.py:name[/], a "
+            "function of yours with @measure. Repeatable."
+        ),
+    ] = ["rms"],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the figures, as Parquet; a sweep that was stopped goes on there.")
+    ] = None,
+    live: Annotated[
+        list[str],
+        typer.Option(help="A column that is set as a parameter and is no argument, where it could be both. Repeatable."),
+    ] = [],
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on a Dask cluster: the address of its scheduler, such as [bold]tcp://head:8786[/].")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes here; by default one for each core.")] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Run rows that failed before once more.")] = False,
+    dry: Annotated[bool, typer.Option("--dry", help="Run a few rows only, and tell what all will take.")] = False,
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Render a scene for every row of a table or grid, and keep a few figures of each.
+
+    A row that fails keeps its error, and the others go on. Ctrl-C loses two seconds of work at most.
+    Needs the packages of the extra "sweep".
+
+    [bold]stimlib sweep "squeeze(fingers=1)" --axis k=500:3000:6 --axis A=0:4:9 --axis seed=0..9 --seconds 3
+    --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)" --out loudness[/]
+    """
+    run_files(import_)
+    from ..sweep.rows import grid, table_of
+    from ..sweep.study import Forecast, some_scene, sweep
+
+    if bool(axis) == (rows is not None):
+        raise BadValue("name the rows: --axis k=500:3000:11, or --rows design.csv")
+    table = table_of(rows if rows is not None else grid(**dict(map(_axis, axis))))
+    make = maker_of(scene)
+    first = some_scene(make, table)
+    if not live and all(name == "seed" or name in first.params for name in table.column_names):
+        make = first  # no argument among them
+    measures = [own_of(*m.rsplit(":", 1)) if ".py:" in m else m for m in measure]
+    motion, recorded = motions(first, contact=touching(scene))
+    made = sweep(
+        make,
+        table,
+        motion=motion,
+        measures=measures,
+        fs=fs,
+        seconds=seconds if seconds is not None else recorded or 5.0,
+        live=live or None,
+        out=out,
+        on=None if scheduler is None else _cluster(scheduler, [*import_, *(t.rpartition(":")[0] for t in (scene, *measure))]),
+        workers=workers,
+        retry=retry,
+        dry=dry,
+        progress=not quiet,
+    )
+    if isinstance(made, Forecast):
+        return print_json(made._asdict()) if json_ else print(made)
+    facts = _facts(made)
+    if json_:
+        print_json(facts)
+    elif not quiet:
+        print_wide(_shown(facts))
+    if facts["failed"] and not quiet:
+        note(f"{facts['failed']} of {facts['rows']} rows failed; the first: {facts['first_error']}")
+    if facts["faulted"] and not quiet:
+        note(f"{facts['faulted']} renderings were not finite from some sample on: see the column fault")
+
+
+def _axis(text: str) -> tuple[str, list[Any]]:
+    """A column of --axis."""
+    name, equals, values = text.partition("=")
+    what = f"--axis {text}"
+    if not equals or not name.isidentifier() or not values:
+        raise BadValue(f"{what}: write NAME=FROM:TO:HOW_MANY, NAME=VALUE,VALUE or NAME=FIRST..LAST")
+    if ".." in values and values.replace("..", "").isdigit():
+        first, _, last = values.partition("..")
+        return name, list(range(int(first), int(last) + 1))
+    if values.count(":") == 2:
+        import numpy as np
+
+        low, high, n = (number(part, what) for part in values.split(":"))
+        if n != int(n) or n < 1:
+            raise BadValue(f"{what}: {n:g} must be how many values, a whole number above 0")
+        return name, np.linspace(low, high, int(n)).tolist()
+    words = values.split(",")
+    if name == "seed" or all(w.lstrip("-").isdigit() for w in words):
+        return name, [int(number(w, what)) for w in words]
+    try:
+        return name, [float(w) for w in words]
+    except ValueError:
+        return name, words
+
+
+def _cluster(address: str, files: list[str]) -> Any:
+    """A client of a cluster whose workers have the user's own files."""
+    from ..sweep.engines import connected
+
+    client = connected(address)
+    for path in dict.fromkeys(f for f in files if f.endswith(".py")):
+        client.upload_file(path)
+    return client
+
+
+def _facts(table: Any) -> dict[str, Any]:
+    """What a sweep gave, as plain data: of each figure its unit, and least, middle and largest value."""
+    import numpy as np
+
+    errors = table["error"].drop_null()
+    figures: dict[str, dict[str, Any]] = {}
+    for name, unit in json.loads(table.schema.metadata[b"stimlib_sweep"])["units"].items():
+        values = table[name].drop_null().to_numpy()
+        values = values[np.isfinite(values)]
+        numbers = (float(values.min()), float(np.median(values)), float(values.max())) if values.size else (None,) * 3
+        figures[name] = {"unit": unit} | dict(zip(("least", "median", "largest"), numbers, strict=True))
+    first = errors[0].as_py() if len(errors) else None
+    counts = {"rows": table.num_rows, "failed": len(errors), "first_error": first, "faulted": len(table["fault"].drop_null())}
+    return counts | {"figures": figures}
+
+
+def _shown(facts: dict[str, Any]) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    shape = Table(title=f"{facts['rows']} rows, {facts['failed']} failed", title_justify="left")
+    for column in ("figure", "unit", "least", "median", "largest"):
+        shape.add_column(column, justify="left" if column in ("figure", "unit") else "right")
+    for name, figure in facts["figures"].items():
+        numbers = ("" if figure[k] is None else f"{figure[k]:.4g}" for k in ("least", "median", "largest"))
+        shape.add_row(Text(shown(name)), figure["unit"], *numbers)
+    return shape

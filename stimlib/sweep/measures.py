@@ -1,0 +1,362 @@
+"""What a rendering is reduced to: figures with units, by name or by functions of your own."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..analysis.cues import Cues, cues_of
+from ..checks.verify import verify
+from ..core.scene import Scene
+from ..core.units import unit
+from ..errors import BadValue, StimlibError, UnknownName
+from ..motion.source import positions, sources_of
+from ..run.rendering import Rendering
+
+Array = np.ndarray
+NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of the third octaves of a decade, IEC 61260-1
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Figures of a rendering.  Made by `measure`, or from a name."""
+
+    name: str
+    units: Mapping[str, str]
+    """Of each figure, in their order."""
+    function: Callable[..., Any]
+    """Of a rendering and of what ``prepare`` gave: one number for each figure."""
+    prepare: Callable[[dict[str, Array], float], Any] | None = None
+    """Of the inputs (name to samples) and fs: what depends on the motion alone, made once for each motion."""
+
+    def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
+        """The figures of a rendering; BadValue that names the measure where it gives something else."""
+        try:
+            given = self.function(rendering, ready)
+            values = [float(v) for v in (given if isinstance(given, Iterable) else (given,))]
+        except Exception as e:
+            raise BadValue(f"{self.name}: {e if isinstance(e, StimlibError) else f'{type(e).__name__}: {e}'}") from e
+        if len(values) != len(self.units):
+            raise BadValue(f"{self.name} gives {len(values)} numbers, and has {len(self.units)}: {', '.join(self.units)}")
+        return values
+
+
+def measure(
+    unit_: str | None = None,
+    /,
+    *,
+    prepare: Callable[[dict[str, Array], float], Any] | None = None,
+    **figures: str,
+) -> Callable[[Callable[..., Any]], Measure]:
+    """Make a function of a rendering a measure of a sweep.
+
+    Parameters
+    ----------
+    unit_ : str, optional
+        Of the one figure, which has the function's name.
+    prepare : callable, optional
+        ``prepare(inputs, fs)``, called once for each motion with its samples by input name, shape (n,): what it gives comes as
+        second argument of the function.
+    **figures : str
+        Names and units of several figures: the function then gives a number for each, in this order.
+
+    Returns
+    -------
+    decorator
+        That gives a ``Measure``.
+
+    Raises
+    ------
+    BadValue, UnitError
+        Neither a unit nor figures, or both; a unit that is none.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.sweep import measure, measured
+    >>> @measure("N")
+    ... def lowest(rendering):
+    ...     return rendering["force"].min()
+    >>> @measure(first="s", largest="N")
+    ... def onset(rendering):
+    ...     force = rendering["force"]
+    ...     return rendering.t[np.argmax(force > 1.0)], force.max()
+    >>> scene = stimlib.Scene({"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> run = stimlib.render(scene, {"x": np.array([0.0, 0.001, 0.002])}, fs=1000)
+    >>> measured(run, [lowest, onset])
+    {'lowest': 0.0, 'first': 0.002, 'largest': 2.0}
+    """
+    if (unit_ is None) == (not figures) or not isinstance(unit_, str | None):
+        raise BadValue('measure: give the unit of the figure, measure("N"), or several by name, measure(onset="s", slope="N/s")')
+
+    for text in figures.values() if unit_ is None else [unit_]:
+        unit(text)
+
+    def made(function: Callable[..., Any]) -> Measure:
+        units = {function.__name__: unit_} if unit_ is not None else figures
+        return Measure(function.__name__, units, function if prepare else partial(_alone, function), prepare)
+
+    return made
+
+
+def _alone(function: Callable[[Rendering], Any], rendering: Rendering, _: None) -> Any:
+    return function(rendering)
+
+
+def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) -> list[Measure]:
+    """The measures that are meant, of this scene.
+
+    Parameters
+    ----------
+    asked : str, Measure or sequence of them
+        Names, such as ``"rms"`` or ``"band(20, 1000, force1)"``; see `NAMED`.
+
+    Raises
+    ------
+    UnknownName
+        No such measure, or no such output or input.
+    BadValue
+        A text that is none, a function without units, or a figure that is there twice.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import squeeze
+    >>> from stimlib.sweep.measures import measures_of
+    >>> [dict(m.units) for m in measures_of(["peak", "band(20, 1000, force1)"], squeeze())]
+    [{'peak_force1': 'N', 'peak_force2': 'N'}, {'band_20_1000_force1': 'N'}]
+    """
+    listed = [asked] if isinstance(asked, str | Measure) or callable(asked) else list(asked)
+    found = [_measure(one, scene) for one in listed]
+    figures = [name for m in found for name in m.units]
+    if twice := [name for name in figures if figures.count(name) > 1]:
+        raise BadValue(f"measures: the figure {twice[0]} is there twice")
+    return found
+
+
+def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Measure) -> dict[str, float]:
+    """The figures of one rendering, as a sweep has them.
+
+    Parameters
+    ----------
+    rendering : Rendering
+    measures : str, Measure or sequence of them
+        As for ``sweep``.
+
+    Returns
+    -------
+    dict of str to float
+        In the units that the measures say.
+
+    Raises
+    ------
+    UnknownName, BadValue
+        As ``sweep``.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.motion.generators import sinusoid
+    >>> from stimlib.sweep import measured
+    >>> scene = stimlib.Scene({"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> run = stimlib.render(scene, {"x": sinusoid(0.001, 50)}, fs=8000, seconds=1.0)
+    >>> {name: round(v, 6) for name, v in measured(run, ["rms", "peak", "band(20, 100)"]).items()}
+    {'rms_force': 0.707107, 'peak_force': 1.0, 'band_20_100_force': 0.707107}
+    """
+    found = measures_of(measures, rendering.scene)
+    inputs = tuple(rendering.scene.inputs)
+    n = rendering.y.shape[1]
+    x = positions(sources_of(rendering.motion, inputs, n), 0, n, rendering.fs)
+    given = dict(zip(inputs, x, strict=True)) or {"": np.empty(n)}
+    values = [v for m in found for v in m(rendering, m.prepare(given, rendering.fs) if m.prepare else None)]
+    return dict(zip((name for m in found for name in m.units), values, strict=True))
+
+
+def _measure(asked: Any, scene: Scene) -> Measure:
+    if isinstance(asked, Measure):
+        return asked
+    if not isinstance(asked, str):
+        name = getattr(asked, "__name__", None) or type(asked).__name__
+        raise BadValue(f'measures: {name} has no units: write @measure("N") above the function, with the unit of its figure')
+    name, args = _call(asked)
+    if name not in NAMED:
+        raise UnknownName(f"measures: there is no {name!r}; there are {', '.join(NAMED)}, and functions with @measure")
+    try:
+        return NAMED[name](scene, *args)
+    except TypeError as e:
+        raise BadValue(f"measures: {asked!r}: write {EXAMPLES[name]}") from e
+
+
+def _call(text: str) -> tuple[str, list[float | str]]:
+    """The name of a measure and its arguments, numbers or names; nothing is evaluated."""
+    try:
+        match ast.parse(text.strip(), mode="eval").body:
+            case ast.Name(name):
+                return name, []
+            case ast.Call(ast.Name(name), args, []):
+                return name, [a.id if isinstance(a, ast.Name) else _number(a) for a in args]
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        pass
+    raise BadValue(f"measures: {text!r:.80} is no measure: write a name, or a call such as band(20, 1000, force1)")
+
+
+def _number(node: ast.expr) -> float:
+    value = ast.literal_eval(node)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(value)
+    return float(value)
+
+
+# Those with names ----------------------------------------------------------------------------------------------------
+def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
+    """The outputs that are named, or all."""
+    if wrong := [n for n in names if n not in scene.outputs]:
+        raise UnknownName(f"measures: {what}: the scene has no output {wrong[0]!r}; it has {', '.join(scene.outputs)}")
+    return list(names) or list(scene.outputs)
+
+
+def _dim(scene: Scene, name: str) -> str:
+    return str(scene.outputs[name].dim)
+
+
+def _of_each(f: Callable[..., float], names: Sequence[str], rendering: Rendering, ready: Any) -> list[float]:
+    return [f(rendering[n], ready) for n in names]
+
+
+def rms(scene: Scene, *outputs: Any) -> Measure:
+    """Root of the mean square, sqrt(mean(y^2))."""
+    names = _outputs(scene, outputs, "rms")
+    return Measure("rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names))
+
+
+def _rms(y: Array, _: Any) -> float:
+    return math.sqrt(np.mean(np.square(y)))
+
+
+def peak(scene: Scene, *outputs: Any) -> Measure:
+    """Largest magnitude, max |y|."""
+    names = _outputs(scene, outputs, "peak")
+    return Measure("peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names))
+
+
+def _peak(y: Array, _: Any) -> float:
+    return float(np.abs(y).max())
+
+
+def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
+    """Rms in a band: the root of the integral of the power spectral density from low (Hz) to below high.
+
+    Of the whole record without its mean, under a Hann window: ``scipy.signal.periodogram(y, fs, "hann")``.
+    """
+    edges = _edges(low, high, "band")
+    names = _outputs(scene, outputs, "band")
+    units = {f"band_{edges[0]:g}_{edges[1]:g}_{n}": _dim(scene, n) for n in names}
+    return Measure("band", units, partial(_of_each, _band, names), partial(_bins, (edges,)))
+
+
+def _band(y: Array, ready: Any) -> float:
+    window, (part,), step = ready
+    return math.sqrt(np.sum(_density(y, window, part)) * step)
+
+
+def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Measure:
+    """Mean one-sided power spectral density in each third octave whose middle is from low to high (Hz), unit^2/Hz.
+
+    The same spectrum as ``band``; middles 10^(k/10) Hz, the names of IEC 61260-1.  A third octave between two lines of the
+    spectrum (of a short record) is nan.
+    """
+    low, high = _edges(low, high, "psd")
+    names = _outputs(scene, outputs, "psd")
+    nominal = {k: NOMINAL[k % 10] * 10.0 ** (k // 10) for k in range(-40, 60)}
+    thirds = [k for k, f in nominal.items() if low * 0.99 <= f <= high * 1.01]
+    units = {f"psd_{nominal[k]:g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz")) for n in names for k in thirds}
+    edges = tuple((10 ** ((k - 0.5) / 10), 10 ** ((k + 0.5) / 10)) for k in thirds)
+    return Measure("psd", units, partial(_psd, names), partial(_bins, edges))
+
+
+def _psd(names: Sequence[str], rendering: Rendering, ready: Any) -> list[float]:
+    window, parts, _ = ready
+    densities = [_density(rendering[n], window, slice(None)) for n in names]
+    return [float(np.mean(d[p])) if p.stop > p.start else math.nan for d in densities for p in parts]
+
+
+def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
+    if isinstance(low, str) or isinstance(high, str) or not 0 <= low <= high:
+        raise BadValue(f"measures: {what}: give the band in Hz, lower edge first: {EXAMPLES[what]}")
+    return low, high
+
+
+def _bins(edges: Sequence[tuple[float, float]], x: dict[str, Array], fs: float) -> tuple[Array, list[slice], float]:
+    """Window (with the scale of a density), lines of the spectrum in each band, and their distance in Hz."""
+    n = next(iter(x.values())).size
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
+    f = np.fft.rfftfreq(n, 1 / fs)
+    parts = [slice(*(int(i) for i in np.searchsorted(f, e))) for e in edges]
+    return window / math.sqrt(fs * np.sum(np.square(window))), parts, fs / n
+
+
+def _density(y: Array, window: Array, part: slice) -> Array:
+    """One-sided power spectral density at some lines, in unit^2/Hz."""
+    power = np.square(np.abs(np.fft.rfft((y - np.mean(y)) * window)))
+    power[1 : None if y.size % 2 else -1] *= 2
+    return power[part]
+
+
+def cues(scene: Scene, *names: Any) -> Measure:
+    """The physical cues of an interaction (``stimlib.analysis.cues``), of a displacement and a force: ``cues(x1, force1)``.
+
+    By default of the only input in m and the only output in N.
+    """
+    pair = list(names) or [
+        *(n for n, b in scene.inputs.items() if b.dim == unit("m")),
+        *(n for n, b in scene.outputs.items() if b.dim == unit("N")),
+    ]
+    if len(pair) != 2 or pair[0] not in scene.inputs or pair[1] not in scene.outputs:
+        raise BadValue(
+            f"measures: cues: name a displacement and a force, such as cues(x1, force1); inputs: {', '.join(scene.inputs)}; "
+            f"outputs: {', '.join(scene.outputs)}"
+        )
+    x, force = pair
+    units = {f"{name}_{force}": CUE_UNITS[name] for name in Cues._fields}
+    return Measure("cues", units, partial(_cues, force), partial(_moved, x))
+
+
+def _moved(x: str, inputs: dict[str, Array], fs: float) -> Any:
+    return cues_of(inputs[x], fs)
+
+
+def _cues(force: str, rendering: Rendering, ready: Any) -> Sequence[float]:
+    return ready(rendering[force])
+
+
+def verified(scene: Scene) -> Measure:
+    """1 where ``stimlib.verify`` proves the rendering, else 0."""
+    return Measure("verify", {"verified": "1"}, _verified)
+
+
+def _verified(rendering: Rendering, _: None) -> float:
+    return float(verify(rendering.scene, rendering.motion, rendering).passed)
+
+
+CUE_UNITS = dict.fromkeys(("k_S", "k_L", "k_I", "k_fit"), "N/m") | dict.fromkeys(("b_L", "b_fit"), "N*s/m")
+CUE_UNITS |= dict.fromkeys(("f_max", "f_mean"), "N") | dict.fromkeys(("y_max", "y_mean"), "m")
+CUE_UNITS |= dict.fromkeys(("v_max", "v_mean"), "m/s") | dict.fromkeys(("loss_factor", "eta_as_printed"), "1")
+CUE_UNITS |= {"frequency": "1/s", "phi": "1", "W": "J"}
+
+NAMED: dict[str, Callable[..., Measure]] = {
+    "rms": rms, "peak": peak, "band": band, "psd": psd, "cues": cues, "verify": verified,
+}  # fmt: skip
+"""Measures by name; ``rms`` is of all outputs, ``rms(force1)`` of one."""
+EXAMPLES = {
+    "rms": "rms or rms(force1)",
+    "peak": "peak or peak(force1)",
+    "band": "band(20, 1000) or band(20, 1000, force1)",
+    "psd": "psd, psd(20, 500) or psd(20, 500, force1)",
+    "cues": "cues or cues(x1, force1)",
+    "verify": "verify",
+}

@@ -1,0 +1,281 @@
+"""The rows of a sweep: a grid, or a table from anywhere, as Arrow columns of a few types; and which column is what."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..core.packages import package
+from ..core.scene import Scene
+from ..core.units import unit
+from ..errors import BadValue, UnitError, UnknownName, shortened
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+OWN = ("seed", "motion")  # columns with a meaning of their own
+MADE = ("error", "fault", "key")  # columns that a sweep adds
+
+
+def arrow(module: str = "pyarrow") -> Any:
+    """Apache Arrow, which keeps the tables of sweeps."""
+    return package(module, "a sweep", "'stimlib[sweep]'")
+
+
+def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
+    """Every combination of the values of some columns; the last column changes fastest.
+
+    Parameters
+    ----------
+    **axes : iterable
+        The values of each column: numbers, texts or truth values, of one kind.  Of a mapping its keys, so that motions by
+        name can be an axis.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Columns of equal length.
+
+    Raises
+    ------
+    BadValue
+        No axis; one without values, or with values that are no list.
+
+    Examples
+    --------
+    >>> from stimlib.sweep import grid
+    >>> {name: column.tolist() for name, column in grid(k=[500.0, 1000.0], seed=range(2)).items()}
+    {'k': [500.0, 500.0, 1000.0, 1000.0], 'seed': [0, 1, 0, 1]}
+    """
+    values = {}
+    for name, axis in axes.items():
+        if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
+            raise BadValue(f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]")
+        listed = axis if isinstance(axis, np.ndarray) else list(axis)
+        whole = all(isinstance(v, int | np.integer) and not isinstance(v, bool) for v in listed)
+        kinds = {"number" if isinstance(v, int | float | np.number) and not isinstance(v, bool) else type(v) for v in listed}
+        values[name] = np.asarray(listed, np.uint64 if whole and max(listed, default=0) >= 2**63 else None)
+        if values[name].ndim != 1 or not values[name].size or values[name].dtype.kind not in "biufU" or len(kinds) > 1:
+            raise BadValue(f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all truth values")
+    if not values:
+        raise BadValue("grid: name an axis, such as grid(k=[500.0, 1000.0], seed=range(10))")
+    return dict(zip(values, (m.ravel() for m in np.meshgrid(*values.values(), indexing="ij")), strict=True))
+
+
+def table_of(rows: Any) -> pa.Table:
+    """Rows as an Arrow table with columns of int64, uint64, float64, bool and string, without a gap.
+
+    Parameters
+    ----------
+    rows : mapping of str to sequence, table, or path
+        Columns by name; a table of pandas, or of polars, Arrow and others that speak Arrow's C stream; a CSV or Parquet file.
+
+    Raises
+    ------
+    BadValue
+        No rows; columns of unequal length; a missing value; values that are no numbers, texts or truth values.
+    MissingPackage
+        pyarrow is not installed.
+
+    Examples
+    --------
+    >>> from stimlib.sweep.rows import table_of
+    >>> table_of({"k": [500, 1000]}).schema.field("k").type
+    DataType(int64)
+    """
+    pa = arrow()
+    try:
+        table = _read(pa, rows)
+    except (pa.ArrowException, OSError, TypeError, ValueError) as e:
+        if isinstance(e, BadValue):
+            raise
+        raise BadValue(f"rows cannot be read as a table: {e}") from None
+    if not table.num_rows or not table.num_columns:
+        raise BadValue("a sweep needs rows, and there is none")
+    if twice := {n for n in table.column_names if table.column_names.count(n) > 1}:
+        raise BadValue(f"rows: the column {min(twice)} is there twice")
+    fields, columns = [], []
+    for field, column in zip(table.schema, table.columns, strict=True):
+        plain = _plain(pa, field, column)
+        fields.append(field.with_type(plain.type).remove_metadata())
+        if field.metadata and b"unit" in field.metadata:
+            fields[-1] = fields[-1].with_metadata({"unit": field.metadata[b"unit"]})
+        columns.append(plain)
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+
+
+def _read(pa: Any, rows: Any) -> pa.Table:
+    if isinstance(rows, pa.Table):
+        return rows
+    if isinstance(rows, str | os.PathLike):
+        path = Path(rows)
+        if path.suffix.lower() == ".parquet":
+            return arrow("pyarrow.parquet").read_table(path)
+        if path.suffix.lower() == ".csv":
+            return arrow("pyarrow.csv").read_csv(path)
+        raise BadValue(f"rows: {rows} is neither a .csv nor a .parquet file")
+    if isinstance(rows, Mapping):
+        for name, column in rows.items():
+            if isinstance(column, str) or not hasattr(column, "__len__"):
+                raise BadValue(f"rows: {name} = {shortened(column)} must be a list of values, one for each row")
+        lengths = {name: len(column) for name, column in rows.items()}
+        if len(set(lengths.values())) > 1:
+            raise BadValue(f"rows: the columns have unequal lengths: {', '.join(f'{n} {k}' for n, k in lengths.items())}")
+        return pa.table({name: column if hasattr(column, "dtype") else list(column) for name, column in rows.items()})
+    if hasattr(rows, "iloc"):
+        return pa.Table.from_pandas(rows, preserve_index=False)
+    if hasattr(rows, "__arrow_c_stream__"):
+        return pa.table(rows)
+    raise BadValue(f"rows must be columns by name, a table, or the path of one; got {type(rows).__name__}")
+
+
+def _plain(pa: Any, field: Any, column: Any) -> Any:
+    """A column as one array of one of the types that there are."""
+    kind, types = field.type, pa.types
+    if types.is_dictionary(kind):
+        kind = kind.value_type
+    wanted = None
+    if types.is_boolean(kind):
+        wanted = pa.bool_()
+    elif types.is_integer(kind):
+        wanted = pa.uint64() if kind == pa.uint64() else pa.int64()
+    elif types.is_floating(kind) or types.is_decimal(kind):
+        wanted = pa.float64()
+    elif types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind):
+        wanted = pa.string()
+    if column.null_count:
+        at = column.is_null().index(True).as_py()
+        raise BadValue(f"rows: {field.name} has no value in row {at} (the first is 0); leave such rows out, or fill them")
+    if wanted is None:
+        raise BadValue(f"rows: {field.name} has values of type {field.type}; give numbers, texts or truth values")
+    column = column.cast(wanted).combine_chunks()
+    return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+
+class Roles(NamedTuple):
+    """Which columns are what, besides ``seed`` and ``motion``."""
+
+    live: tuple[str, ...]
+    """Parameters, set before the first sample as ``render(params=..)`` does: the program stays the same."""
+    arguments: tuple[str, ...]
+    """Of the factory: a scene of its own for each combination."""
+
+
+def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection[str], live: Collection[str] | None) -> Roles:
+    """What each column is.
+
+    A parameter that shapes what runs before sample 0, such as the level of a filtered noise, is not the same as live number
+    and as argument: the lead ran with the other value.  So nothing is guessed where a name is both.
+
+    Parameters
+    ----------
+    make : Scene or callable
+        What was given.
+    scene : Scene
+        That, or what the factory makes of some row.
+    names : collection of str
+        Of the columns.
+    live : collection of str, optional
+        Which of them are parameters; needed where a name is a parameter and an argument of the factory.
+
+    Raises
+    ------
+    UnknownName
+        A column, or a name in ``live``, that means nothing.
+    BadValue
+        A name that is both a parameter and an argument, and ``live`` does not say which is meant.
+    """
+    columns = [n for n in names if n not in OWN]
+    if own := [n for n in columns if n in MADE]:
+        raise BadValue(f"rows: a sweep adds a column {own[0]} of its own: give yours another name")
+    params = list(scene.params)
+    known = arguments_of(make)
+    wrong = [n for n in live or () if n not in params]
+    absent = [n for n in live or () if n not in columns]
+    if wrong or absent:
+        raise UnknownName(
+            f"live: {(wrong or absent)[0]} is {'no parameter of the scene' if wrong else 'no column of the rows'}; "
+            f"parameters: {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
+        )
+    if live is not None:
+        chosen = set(live)
+    else:
+        chosen = {n for n in columns if n in params}
+        if both := [n for n in columns if n in chosen and n in known]:
+            example = ", ".join(repr(n) for n in both)
+            raise BadValue(
+                f"rows: {', '.join(both)}: both a live parameter and an argument of {name_of(make)}: say live=[{example}] to set "
+                "parameters of one compiled scene (quick), or live=[] to make a scene of each value"
+            )
+    rest = [n for n in columns if n not in chosen]
+    if unknown := [n for n in rest if n not in known]:
+        there = f"parameters: {', '.join(params) or 'none'}"
+        there += f"; arguments: {', '.join(known) or 'none'}" if not isinstance(make, Scene) else ""
+        raise UnknownName(f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion")
+    return Roles(tuple(n for n in columns if n in chosen), tuple(rest))
+
+
+def name_of(make: Any) -> str:
+    """What a factory is called."""
+    return getattr(make, "__name__", "the function")
+
+
+def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
+    """The arguments that a factory takes by name; none of a scene."""
+    if isinstance(make, Scene):
+        return []
+    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [n for n, p in inspect.signature(make).parameters.items() if p.kind in kinds]
+
+
+def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str]) -> pa.Table:
+    """The table with live columns as finite float64, seeds as uint64 and a column ``motion`` of known names.
+
+    Raises
+    ------
+    BadValue
+        Values that cannot be meant, with column and row; a motion that is not there.
+    UnitError
+        A column that says another unit than its parameter has.
+    """
+    pa = arrow()
+    for name in table.column_names:
+        at, column, field = table.column_names.index(name), table[name], table.field(name)
+        if name in roles.live:
+            said = (field.metadata or {}).get(b"unit")
+            if said and unit(said.decode()) != scene.params[name].dim:
+                raise UnitError(f"rows: {name} is in {said.decode()}, and the parameter in {scene.params[name].dim}")
+            if pa.types.is_string(field.type) or pa.types.is_boolean(field.type):
+                raise BadValue(f"rows: {name} is a parameter, so it needs numbers; got {field.type}: {column[0].as_py()!r}")
+            values = column.to_numpy().astype(np.float64)
+            if not np.isfinite(values).all():
+                bad = int(np.argmin(np.isfinite(values)))
+                raise BadValue(f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite")
+            table = table.set_column(at, pa.field(name, pa.float64(), metadata={"unit": str(scene.params[name].dim)}), [values])
+        elif name == "seed":
+            table = table.set_column(at, pa.field(name, pa.uint64(), metadata={"unit": "1"}), [_seeds(pa, column)])
+        elif name == "motion":
+            if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
+                raise UnknownName(
+                    f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by name; it has {_some(motions)}"
+                )
+    return table
+
+
+def _seeds(pa: Any, column: Any) -> np.ndarray:
+    values = column.to_numpy()
+    good = values.dtype.kind in "iu" and bool((values >= 0).all())
+    if not good:
+        bad = int(np.argmin(values >= 0)) if values.dtype.kind in "iuf" else 0
+        raise BadValue(f"rows: seed = {values[bad]} in row {bad} (the first is 0) must be a whole number from 0 to 2**64 - 1")
+    return values.astype(np.uint64)
+
+
+def _some(names: Collection[str]) -> str:
+    shown = [n for n in names if n][:12]
+    return ", ".join(shown) + (", .." if len(names) > 12 else "") if shown else "none by name"

@@ -1,0 +1,174 @@
+"""The folder of a sweep: parts of Parquet, each there whole or not at all, and a sidecar that says what they are."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from ..core import regular
+from ..errors import BadValue, SinkError, StimlibError
+from .rows import arrow
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SIDECAR = "sweep.json"
+VERSION = 1
+EVERY = 2.0  # s between parts: what a killed run can lose, besides what flies
+LARGEST = 200_000  # rows of a part
+
+
+class Store:
+    """What is there already, and where the rest goes; without a folder, memory.
+
+    Parameters
+    ----------
+    folder : path or None
+        Made if missing.
+    facts : dict
+        What the rows depend on, with ``key``; a folder belongs to one of them.
+    about : dict
+        More for the sidecar: units, motions.
+    retry : bool
+        Whether rows that failed count as not there.
+    dry : bool
+        Only look.
+
+    Raises
+    ------
+    SinkError
+        The folder cannot be made or written, belongs to something else, or another sweep is writing into it.
+    BadValue
+        It has another sweep; the message says in what that differs.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str] | None,
+        facts: Mapping[str, Any],
+        about: Mapping[str, Any],
+        retry: bool,
+        dry: bool = False,
+    ):
+        self.retry, self.dry, self.rows = retry, dry, 0
+        self.folder = None if folder is None else regular.make_folder(folder)
+        self.tables: list[pa.Table] = []
+        self._waiting: list[pa.Table] = []
+        self._written = time.monotonic()
+        self._facts, self._about = dict(facts), dict(about)
+        self._lock = -1
+
+    def __enter__(self) -> Self:
+        if self.folder is not None:
+            self._lock = _locked(self.folder)
+            try:
+                self._open(self.folder)
+            except BaseException:
+                os.close(self._lock)
+                raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self.flush()
+        finally:
+            if self._lock >= 0:
+                os.close(self._lock)
+
+    def _open(self, folder: Path) -> None:
+        sidecar = folder / SIDECAR
+        known = self._same(sidecar) if sidecar.exists() else {}
+        if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
+            raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
+        parts = {path: _part(path) for path in sorted(folder.glob("part-*.parquet"))}
+        self.tables += [table for table in parts.values() if table is not None]
+        if self.dry:
+            return
+        motions = known.get("motion", {}) | self._about["motion"]
+        if known != (told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}):
+            regular.publish(sidecar, json.dumps(told, indent=1) + "\n")
+        for path in (path for path, table in parts.items() if table is None):
+            os.replace(path, aside := path.with_suffix(".damaged"))
+            text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
+            warnings.warn(text, RuntimeWarning, stacklevel=4)
+        for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
+            left.unlink(missing_ok=True)
+
+    def _same(self, sidecar: Path) -> dict[str, Any]:
+        try:
+            known = json.loads(regular.read(sidecar, "sidecar_bytes"))
+            key, version = known["key"], known["stimlib_sweep"]
+        except (ValueError, KeyError, TypeError) as e:
+            if isinstance(e, StimlibError):
+                raise
+            raise SinkError(f"{sidecar} is damaged ({type(e).__name__}): name another folder") from None
+        if version != VERSION:
+            raise SinkError(f"{sidecar} is of version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
+        if key != self._facts["key"]:
+            other = [n for n, v in self._facts.items() if n != "key" and known.get(n) != v]
+            raise BadValue(f"{sidecar.parent} has another sweep, with other {', '.join(other) or 'facts'}: name another folder")
+        return known
+
+    def done(self) -> pa.Table | None:
+        """All rows that are there, with their keys; each once."""
+        if not self.tables:
+            return None
+        pa, pc = arrow(), arrow("pyarrow.compute")
+        tables = pa.concat_tables([t for t in self.tables if t.num_rows], promote_options="default")
+        if self.retry:
+            tables = tables.filter(pc.is_null(tables["error"]))
+        return tables.combine_chunks()
+
+    def add(self, table: pa.Table) -> None:
+        """Keep some rows, with their keys; a part is written every few seconds."""
+        self.tables.append(table)
+        self.rows += table.num_rows
+        if self.folder is None:
+            return
+        self._waiting.append(table)
+        rows = sum(t.num_rows for t in self._waiting)
+        if rows >= LARGEST or time.monotonic() > self._written + EVERY:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        if self._waiting and self.folder is not None:
+            table = arrow().concat_tables(self._waiting).combine_chunks()
+            sink = arrow().BufferOutputStream()
+            texts = [f.name for f in table.schema if f.type == arrow().string()]
+            arrow("pyarrow.parquet").write_table(table, sink, compression="zstd", use_dictionary=texts)
+            data = sink.getvalue().to_pybytes()
+            regular.publish(self.folder / _name(data), data)
+            self._waiting.clear()
+        self._written = time.monotonic()
+
+
+def _locked(folder: Path) -> int:
+    """A descriptor that keeps others from writing into a folder, until it is closed or the process ends."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        raise SinkError(f"another sweep is writing into {folder}: wait for its end, or name another folder") from None
+    except OSError:
+        pass  # a file system without locks
+    return fd
+
+
+def _name(data: bytes) -> str:
+    """A part is called by its content, so that damage is seen."""
+    return f"part-{hashlib.sha256(data).hexdigest()[:32]}.parquet"
+
+
+def _part(path: Path) -> pa.Table | None:
+    """A part; None where it is damaged."""
+    data = regular.read(path, "audio_bytes")
+    return arrow("pyarrow.parquet").read_table(arrow().BufferReader(data)) if _name(data) == path.name else None

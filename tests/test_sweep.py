@@ -1,0 +1,435 @@
+"""Sweeps: the bits of `render`, bad input told before the first run, what is done is kept and nothing is done twice."""
+
+import dataclasses
+import json
+import os
+from collections import deque
+from math import pi
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, SinkError, UnitError, UnknownName, constant
+from stimlib.analysis.cues import cues
+from stimlib.blocks import fir, pink_noise, white_noise
+from stimlib.cli import app
+from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion.recorded import recording
+from stimlib.scenes import squeeze
+from stimlib.sweep import grid, measure, measured, rendering, sweep
+from stimlib.sweep.plan import identity
+from stimlib.sweep.rows import table_of
+
+HAND = minimum_jerk(depth=0.02)
+RUN = {"motion": HAND, "fs": 8000, "seconds": 0.05, "progress": False}
+SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
+COUNT: deque[float] = deque()  # no constant of a measure, as a list would be
+BAD = deque([1.0, 3.0])
+
+
+@measure("N")
+def counted(r):
+    COUNT.append(r.params.get("k", 0.0))
+    return r["force"][-1]
+
+
+@measure("N")
+def deadly(r):
+    if r.params["k"] == 7.0:
+        os._exit(3)
+    return r["force"][-1]
+
+
+@measure("N")
+def touchy(r):
+    if r.params["k"] in BAD:
+        raise ZeroDivisionError(f"k = {r.params['k']:g}")
+    return r["force"][-1]
+
+
+def noise_of(level=1.0):
+    """Before sample 0 the filter ran with the level that the scene was built with."""
+    return Scene({"y": fir(Param("level", level) * white_noise(seed=1), [0.25] * 64) * (Input("x") + 1.0)})
+
+
+def made(k=100.0, broken=False):
+    if broken:
+        raise BadValue("broken")
+    return Scene({"force": constant(k, "N/m") * Input("x", "m")})
+
+
+def columns(table, *names):
+    return [table[n].to_pylist() for n in names]
+
+
+# Bits ----------------------------------------------------------------------------------------------------------------
+def test_rows_have_the_bits_of_render():
+    hands = {"slow": HAND, "fast": minimum_jerk(depth=0.02, rise=0.1)}
+    rows = grid(motion=hands, fingers=[2, 1], A=[0.0, 3.4], seed=[3, 2**64 - 1])
+    words = {"motion": hands, "fs": 8000, "seconds": 0.1, "live": ["A"]}
+    table = sweep(squeeze, rows, measures=["rms(force1)", "peak(force1)"], **words)
+    assert table.column_names == ["motion", "fingers", "A", "seed", "rms_force1", "peak_force1", "fault", "error"]
+    for at, row in enumerate(table.to_pylist()):
+        motion = {f"x{i + 1}": HAND if row["motion"] == "slow" else hands["fast"] for i in range(row["fingers"])}
+        params, scene = {"A": row["A"]}, squeeze(fingers=row["fingers"])
+        y = stimlib.render(scene, motion, 8000, 0.1, params, seed=row["seed"])["force1"]
+        assert (row["rms_force1"], row["peak_force1"]) == (np.sqrt(np.mean(y**2)), np.abs(y).max())
+        if at % 5 == 0:
+            alone = rendering(squeeze, rows, at, **words)
+            assert np.array_equal(alone["force1"], y) and measured(alone, "peak(force1)") == {"peak_force1": row["peak_force1"]}
+
+
+def test_a_live_parameter_is_set_and_an_argument_makes_a_scene():
+    rows, words = {"level": [1.0, 2.0]}, RUN | {"measures": "rms"}
+    with pytest.raises(BadValue, match=r"level: both a live parameter and an argument of noise_of: say live=\['level'\]"):
+        sweep(noise_of, rows, **words)
+    (live,), (argument,) = (columns(sweep(noise_of, rows, live=chosen, **words), "rms_y") for chosen in (["level"], []))
+    one = stimlib.render(noise_of(), {"x": HAND}, 8000, 0.05, {"level": 2.0})
+    two = stimlib.render(noise_of(2.0), {"x": HAND}, 8000, 0.05)
+    assert live[1] == measured(one, "rms")["rms_y"] != argument[1] == measured(two, "rms")["rms_y"]
+    assert live[0] == argument[0]
+
+
+def test_processes_jobs_and_order_change_no_bit(monkeypatch):
+    @measure("N")  # of no module that a worker could import
+    def mean(r):
+        return scale * r["force1"].mean()
+
+    scale, rows = 2.0, grid(A=[0.0, 1.0, 3.4], seed=range(12))
+    words = RUN | {"measures": ["rms", "band(20, 1000)", mean]}
+    one = sweep(squeeze(fingers=1), rows, workers=1, **words)
+    shuffled = {n: c[::-1].copy() for n, c in rows.items()}
+    monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 5)
+    two = sweep(squeeze(fingers=1), shuffled, workers=2, **words)
+    assert one.equals(two.take(pa.array(range(35, -1, -1))).combine_chunks())
+    assert len(set(one["rms_force1"].to_pylist())) == 25, "without vibration all seeds are equal"
+
+
+def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
+    monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 2)
+    rows = {"k": [4.0, 7.0, 6.0, 5.0]}
+    table = sweep(SPRING, rows, measures=["rms", deadly], workers=2, **RUN)
+    assert [r["k"] for r in table.to_pylist() if r["deadly"] is None] == [7.0]
+    assert table["error"][1].as_py() == "2 times: it ended its process with exit status 3"
+
+
+# Rows ----------------------------------------------------------------------------------------------------------------
+def test_tables_of_all_kinds_are_one(tmp_path):
+    wanted = {"k": [1.5, 2.0], "seed": [0, 1], "motion": ["a", "b"]}
+    (tmp_path / "rows.csv").write_text("k,seed,motion\n1.5,0,a\n2,1,b\n")
+    arrow = pa.table(wanted)
+    pq.write_table(arrow, tmp_path / "rows.parquet")
+    categories = arrow.set_column(2, "motion", arrow["motion"].dictionary_encode())
+
+    class Stream:  # what polars, duckdb and others have
+        __arrow_c_stream__ = arrow.__arrow_c_stream__
+
+    for rows in (wanted, arrow, categories, tmp_path / "rows.csv", str(tmp_path / "rows.parquet"), Stream()):
+        assert table_of(rows).to_pydict() == wanted
+    assert table_of({"k": np.float32([1, 2])}).schema.field("k").type == pa.float64()
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "says"),
+    [
+        ({"k": [1.0, 2.0], "seed": [0]}, BadValue, "unequal lengths: k 2, seed 1"),
+        ({"k": []}, BadValue, "needs rows"),
+        ({"k": 3.0}, BadValue, "k = 3.0 must be a list"),
+        ({"q": [1.0]}, UnknownName, "there is no q in the scene; parameters: k; besides: seed, motion"),
+        ({"k": [1.0, None]}, BadValue, "k has no value in row 1"),
+        ({"k": [1.0, float("nan")]}, BadValue, "k = nan in row 1"),
+        ({"k": ["soft"]}, BadValue, "k is a parameter, so it needs numbers"),
+        ({"seed": [0, -1]}, BadValue, "seed = -1 in row 1"),
+        ({"seed": [0.5]}, BadValue, "seed = 0.5 in row 0"),
+        ({"k": [object()]}, BadValue, "rows cannot be read"),
+        ({"k": [b"x"]}, BadValue, "k has values of type binary"),
+        ({"error": [1.0]}, BadValue, "a column error of its own"),
+        ({"peak_force": [1.0]}, UnknownName, "no peak_force"),
+        ({"motion": ["a"]}, BadValue, "motion must be a dict of motions by name"),
+        ("rows.txt", BadValue, "neither a .csv nor"),
+        ("missing.csv", BadValue, "cannot be read"),
+        (3, BadValue, "got int"),
+    ],
+)  # fmt: skip
+def test_bad_rows_are_told_before_the_first_run(rows, error, says):
+    COUNT.clear()
+    with pytest.raises(error, match=says):
+        sweep(SPRING, rows, measures=[counted], **RUN)
+    assert not COUNT
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "says"),
+    [
+        ({"measures": []}, BadValue, "needs measures"),
+        ({"measures": "loudness"}, UnknownName, "no 'loudness'; there are rms, peak"),
+        ({"measures": "rms(force9)"}, UnknownName, "no output 'force9'; it has force"),
+        ({"measures": "band(20)"}, BadValue, r"write band\(20, 1000\)"),
+        ({"measures": "band(1000, 20)"}, BadValue, "lower edge first"),
+        ({"measures": "band(20, 1000"}, BadValue, "is no measure"),
+        ({"measures": "__import__('os').remove('x')"}, BadValue, "is no measure"),
+        ({"measures": ["rms", "rms(force)"]}, BadValue, "rms_force is there twice"),
+        ({"measures": [len]}, BadValue, "len has no units"),
+        ({"measures": [measure("N")(lambda r: (1.0, 2.0))]}, BadValue, "gives 2 numbers, and has 1"),
+        ({"measures": [measure("N")(lambda r: 1 / 0)]}, BadValue, "ZeroDivisionError"),
+        ({"seconds": None}, BadValue, "how many seconds"),
+        ({"motion": {"y": HAND}}, UnknownName, "x is missing"),
+        ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
+        ({"live": ["A"]}, UnknownName, "A is no parameter"),
+        ({"workers": 0}, BadValue, "workers = 0"),
+        ({"fs": -1}, BadValue, "fs"),
+        ({"on": 7}, BadValue, "on = 7"),
+    ],
+)
+def test_bad_words_are_told_before_the_first_run(words, error, says):
+    with pytest.raises(error, match=says):
+        sweep(SPRING, {"k": [1.0, 2.0]}, **{"measures": "rms", **RUN, **words})
+
+
+def test_units_must_fit():
+    field = pa.field("k", pa.float64(), metadata={"unit": "N"})
+    with pytest.raises(UnitError, match="k is in N, and the parameter in N/m"):
+        sweep(SPRING, pa.table([[1.0]], schema=pa.schema([field])), measures="rms", **RUN)
+    table = sweep(SPRING, {"k": [1.0]}, measures="rms", **RUN)
+    assert sweep(SPRING, table.select(["k"]), measures="rms", **RUN).equals(table), "k says N/m there"
+    with pytest.raises(UnitError):
+        measure("loud")
+    with pytest.raises(BadValue):
+        measure()
+
+
+def test_grid_refuses_what_is_no_axis():
+    for axes in ({}, {"k": 3.0}, {"k": "soft"}, {"k": []}, {"k": [1, "a"]}, {"k": [[1, 2], [3, 4]]}):
+        with pytest.raises(BadValue):
+            grid(**axes)
+    assert grid(motion={"a": HAND, "b": HAND}, k=[1.0])["motion"].tolist() == ["a", "b"]
+
+
+# Failures ------------------------------------------------------------------------------------------------------------
+def test_a_row_that_fails_is_a_row_and_what_all_have_wrong_is_an_error():
+    table = sweep(SPRING, {"k": [1.0, 2.0, 3.0, 4.0]}, measures=["peak", touchy], **RUN)
+    assert table["error"].to_pylist()[0] == "BadValue: touchy: ZeroDivisionError: k = 1"
+    assert (
+        [v is None for v in table["peak_force"].to_pylist()]
+        == [True, False, True, False]
+        == [e is not None for e in table["error"].to_pylist()]
+    )
+    with pytest.raises(BadValue, match="the first row fails, and so do others: .*k = 1"):
+        sweep(SPRING, {"k": [1.0, 3.0]}, measures=[touchy], **RUN)
+    factory = sweep(made, {"k": [1.0, 2.0], "broken": [True, False]}, measures="peak", **RUN)
+    assert factory["error"].to_pylist() == ["BadValue: broken", None]
+    with pytest.raises(BadValue, match="makes no scene of the first row: BadValue: broken"):
+        sweep(made, {"broken": [True]}, measures="peak", **RUN)
+
+
+def test_what_is_not_finite_is_marked():
+    scene = Scene({"y": Input("x") / Param("d", 1.0)})
+    table = sweep(scene, {"d": [1.0, 0.0]}, measures="peak", **RUN | {"motion": np.ones(400)})
+    assert columns(table, "fault", "error", "peak_y") == [[None, "y at sample 0"], [None, None], [1.0, 0.0]]
+
+
+def test_scenes_with_other_outputs_are_told():
+    table = sweep(squeeze, {"fingers": [1, 2]}, measures="peak", **RUN)
+    assert table["error"][0].as_py() is None and "name outputs that all rows have" in table["error"][1].as_py()
+
+
+# Measures ------------------------------------------------------------------------------------------------------------
+def test_spectra_are_those_of_scipy():
+    from scipy.signal import periodogram
+
+    run = stimlib.render(Scene({"y": pink_noise(1 / pi, seed=1) + 0.3}), {}, 8000, 2.0)
+    f, p = periodogram(run["y"], 8000, "hann")
+    got = measured(run, ["rms", "band(20, 1000)", "psd(12, 900)"])
+    inside = (f >= 20) & (f < 1000)
+    assert abs(got["band_20_1000_y"] / np.sqrt(p[inside].sum() * f[1]) - 1) < 1e-12
+    names = [n for n in got if n.startswith("psd_")]
+    assert names == [f"psd_{c}_y" for c in "12.5 16 20 25 31.5 40 50 63 80 100 125 160 200 250 315 400 500 630 800".split()]
+    for k, name in enumerate(names, start=11):
+        inside = (f >= 10 ** ((k - 0.5) / 10)) & (f < 10 ** ((k + 0.5) / 10))
+        assert abs(got[name] / p[inside].mean() - 1) < 1e-12
+    for n in (400, 401):  # with 0 Hz, and half the sample rate where n is even
+        edge = dataclasses.replace(run, y=run.y[:, :n])
+        f, p = periodogram(edge["y"], 8000, "hann")
+        assert abs(measured(edge, "band(0, 9999)")["band_0_9999_y"] / np.sqrt(p.sum() * f[1]) - 1) < 1e-12
+    short = stimlib.render(Scene({"y": constant(1.0) * 1}), {}, 8000, 0.05)
+    assert np.isnan(measured(short, "psd(10, 10)")["psd_10_y"]), "no line in it"
+
+
+def test_cues_and_proofs_are_those_of_their_functions():
+    motion, words = sinusoid(0.01, 4.0, mean=0.01), {"fs": 1000, "seconds": 1.0}
+    table = sweep(SPRING, {"k": [100.0, 300.0]}, motion=motion, measures=["cues", "verify"], **words)
+    for row in table.to_pylist():
+        run = stimlib.render(SPRING, {"x": motion}, params={"k": row["k"]}, **words)
+        c = cues(motion(run.t), run["force"], 1000)
+        assert all(row[f"{name}_force"] == value for name, value in c._asdict().items())
+        assert abs(c.k_S / row["k"] - 1) < 1e-9 and row["verified"] == 1.0
+
+
+def test_what_depends_on_the_motion_alone_is_made_once():
+    made = []
+
+    @measure("m", prepare=lambda x, fs: made.append(fs) or x["x"].max())
+    def depth(rendering, ready):
+        return ready
+
+    table = sweep(SPRING, {"k": np.arange(1.0, 9.0)}, measures=[depth], **RUN)
+    assert made == [8000.0] and set(table["depth"].to_pylist()) == {HAND(np.arange(400) / 8000).max()}
+
+
+# What is kept --------------------------------------------------------------------------------------------------------
+def test_only_what_is_missing_runs(tmp_path):
+    out, words = tmp_path / "out", RUN | {"measures": [counted]}
+    COUNT.clear()
+    first = sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words)
+    assert first["counted"][1] == first["counted"][2] and len(COUNT) == 3 + 2, "three before, then two: equal rows are one"
+    COUNT.clear()
+    assert sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words).equals(first) and not COUNT
+    more = sweep(SPRING, {"k": [2.0, 5.0, 1.0], "seed": [0, 0, 0]}, out=out, **words)
+    assert set(COUNT) == {5.0} and more["counted"][0] == first["counted"][1], "of another order, with the usual seed"
+    COUNT.clear()
+    sweep(SPRING, {"k": [5.0]}, out=out, **words | {"seconds": 0.1})
+    sweep(SPRING, {"k": [5.0]}, out=out, **words | {"motion": minimum_jerk(depth=0.01)})
+    sweep(SPRING, {"k": [5.0], "motion": ["a"]}, out=out, **words | {"motion": {"a": HAND}})
+    assert len(COUNT) == 2 * 3, "two of the three are new, each run twice before: the name of a motion says nothing"
+    told = json.loads((out / "sweep.json").read_text())
+    assert told["units"] == {"counted": "N"} and told["scene"] == SPRING.hash and told["versions"]["numpy"] == np.__version__
+    part = pq.read_table(next(out.glob("part-*.parquet")))
+    assert part.field("counted").metadata[b"unit"] == b"N" and part.field("k").metadata[b"unit"] == b"N/m"
+    with pytest.raises(BadValue, match="another sweep, with other measures: name another folder"):
+        sweep(SPRING, {"k": [1.0]}, out=out, **RUN | {"measures": "rms"})
+    with pytest.raises(BadValue, match="other fs"):
+        sweep(SPRING, {"k": [1.0]}, out=out, **words | {"fs": 4000})
+
+
+def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatch):
+    rows, words = {"k": [1.0, 2.0, 3.0, 4.0]}, RUN | {"measures": [touchy]}
+    whole = sweep(SPRING, rows, out=tmp_path, **words)
+    (part,) = tmp_path.glob("*.parquet")
+    data = bytearray(part.read_bytes())
+    data[60] ^= 4  # one bit
+    part.write_bytes(data)
+    (tmp_path / "part-killed.parquet.part").write_bytes(b"PAR1")
+    with pytest.warns(RuntimeWarning, match="damaged"):
+        assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole)
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".damaged", ".json", ".parquet"]
+    monkeypatch.setitem(globals(), "BAD", deque([1.0]))
+    assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole), "failed rows are done"
+    for retry in (True, False):
+        again = sweep(SPRING, rows, out=tmp_path, retry=retry, **words)
+        assert [e is None for e in again["error"].to_pylist()] == [False, True, True, True]
+
+
+def test_a_folder_of_others_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(SinkError, match="has thesis.tex and no sweep.json"):
+        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path, **RUN)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+    with pytest.raises(SinkError, match="cannot make"):
+        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "thesis.tex" / "x", **RUN)
+    sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+    (tmp_path / "a" / "sweep.json").write_text("{")
+    with pytest.raises(SinkError, match="damaged"):
+        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+
+
+def test_two_sweeps_do_not_write_into_one_folder(tmp_path):
+    @measure("1")
+    def nested(r):
+        if r.params["k"] == 1.0:
+            with pytest.raises(SinkError, match="another sweep is writing"):
+                sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path, **RUN)
+        return 1.0
+
+    assert sweep(SPRING, {"k": [1.0]}, measures=[nested], out=tmp_path, **RUN)["nested"].to_pylist() == [1.0]
+
+
+def test_a_function_is_known_by_what_it_does(tmp_path):
+    def defined(text):
+        scope: dict = {}
+        exec(text, scope)
+        return identity(scope["f"])
+
+    base = "import numpy as np\nC = 2.0\ndef helper(x):\n    return x * 3\ndef f(r):\n    return helper(C) + np.sum(r)\n"
+    same = defined("# moved\n\n" + base)
+    assert same == defined(base)
+
+    def closing(c):
+        return lambda r: c * r.fs
+
+    assert identity(closing(1.0)) != identity(closing(2.0))
+    for old, new in (("2.0", "2.5"), ("x * 3", "x * 4"), ("+ np", "- np")):
+        assert defined(base.replace(old, new)) != same, new
+
+
+def test_recorded_hands_have_their_own_lengths():
+    t = np.arange(0, 0.5, 0.01)
+    hands = {n: recording({"t_s": t[:m], "x_mm": 3 * t[:m]}, {"x": "x_mm*1e-3"}) for n, m in (("a", 20), ("b", 40))}
+
+    @measure("s")
+    def long(r):
+        return r.t[-1]
+
+    table = sweep(SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000)
+    assert table["long"].to_pylist() == [0.189, 0.189, 0.389, 0.389]
+
+
+def test_a_dry_run_tells_what_it_will_take(tmp_path):
+    rows = grid(k=np.arange(1.0, 101.0))
+    told = sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "out", **RUN)
+    assert (told.rows, told.there, told.samples) == (100, 0, 400) and 0 < told.hours(2) < 1e-3
+    (tmp_path / "empty").mkdir()
+    sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "empty", **RUN)
+    assert not list((tmp_path / "empty").iterdir()), "nothing is written"
+    assert "100 rows, 0 of them there" in str(told) and "2 cores" in str(told) and not (tmp_path / "out").exists()
+
+
+# From a terminal -----------------------------------------------------------------------------------------------------
+def run(*words):
+    return CliRunner().invoke(
+        app, ["sweep", *words, "--motion", "minimum_jerk(depth=0.02)", "--seconds", "0.05", "--workers", "1"]
+    )
+
+
+def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run(
+        "squeeze(fingers=1)", "--axis", "k=500:1500:3", "--axis", "seed=0..1", "--measure", "peak", "--out", "out", "--json"
+    )
+    assert done.exit_code == 0, done.output
+    wanted = sweep(squeeze(fingers=1), grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1]), measures="peak", **RUN)["peak_force1"]
+    told = json.loads(done.stdout)
+    assert (told["rows"], told["failed"], told["figures"]["peak_force1"]["largest"]) == (6, 0, max(wanted.to_pylist()))
+    (tmp_path / "own_study.py").write_text(
+        "import stimlib\nfrom stimlib.sweep import measure\n"
+        "@measure('N')\ndef lowest(run):\n    return run['force'].min()\n"
+        "def made(gain, k=3.0):\n"
+        "    return stimlib.Scene({'force': gain * stimlib.Param('k', k, 'N/m') * stimlib.Input('x', 'm')})\n"
+    )
+    (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
+    words = ["own_study.py:made", "--rows", "rows.csv", "--measure", "own_study.py:lowest"]
+    done = run(*words)
+    assert done.exit_code == 2 and "k: both a live parameter and an argument of made" in done.stderr
+    done = run(*words, "--live", "k")
+    assert done.exit_code == 0 and "2 rows, 0 failed" in done.stdout and "lowest" in done.stdout, done.output
+    done = run(*words, "--live", "k", "--dry")
+    assert done.exit_code == 0 and "2 rows, 0 of them there" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "name the rows"),
+        (("--axis", "k"), "write NAME=FROM:TO:HOW_MANY"),
+        (("--axis", "k=1:2:0.5"), "a whole number above 0"),
+        (("--axis", "q=1,2"), "there is no q in the scene"),
+        (("--axis", "k=1,soft"), "k = '1' must be a number"),
+        (("--axis", "k=1,2", "--measure", "loud"), "no 'loud'"),
+    ],
+)
+def test_mistakes_on_the_command_line_are_one_line(words, says):
+    done = run("squeeze", *words)
+    assert done.exit_code == 2 and done.stderr.startswith("error: ") and says in done.stderr, done.output

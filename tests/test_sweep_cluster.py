@@ -1,0 +1,183 @@
+"""Sweeps on a Dask cluster, and whatever is killed in the middle: the same bits, nothing lost but what flew, nothing doubled."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+from stimlib import BadValue, SinkError
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import squeeze
+from stimlib.sweep import engines, grid, measure, sweep
+
+distributed = pytest.importorskip("distributed")
+HANDS = {"slow": minimum_jerk(depth=0.02), "fast": minimum_jerk(depth=0.02, rise=0.1)}
+ROWS = grid(motion=HANDS, A=[0.5, 1.0, 2.0, 3.4], k=[500.0, 1000.0, 2000.0, 7.0], seed=range(4))
+WORDS = {"motion": HANDS, "fs": 8000, "seconds": 0.05, "progress": False}
+SCENE = squeeze(fingers=1)
+STRESS = pytest.mark.stress
+
+
+@measure("N")
+def last(r):
+    """Slow enough to be killed in the middle; and k = 7 ends its process."""
+    time.sleep(0.01)
+    return r["force1"][-1]
+
+
+@measure("N")
+def deadly(r):
+    if r.params["k"] == 7.0 and r.params["A"] == 3.4 and r.seed == 2 and r.motion["x1"] == HANDS["fast"]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return r["force1"][-1]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with (
+        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as made,
+        distributed.Client(made) as client,
+    ):
+        yield client
+
+
+def whole(folder):
+    """Rows of all parts: none of them twice."""
+    keys = [key for p in folder.glob("part-*.parquet") for key in pq.read_table(p)["key"].to_pylist()]
+    assert len(keys) == len(set(keys))
+    return len(keys)
+
+
+def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(cluster, tmp_path, monkeypatch):
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, **WORDS)
+    monkeypatch.setattr(engines, "FEWEST", 2)
+    monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 8)
+    monkeypatch.setattr("stimlib.sweep.store.EVERY", 0.0)
+    killed = []
+    take = engines.Cluster.take
+
+    def kill_one(engine):
+        if not killed:
+            killed.append(next(iter(cluster.run(os.getpid).values())))
+            os.kill(killed[0], signal.SIGKILL)
+        return take(engine)
+
+    monkeypatch.setattr(engines.Cluster, "take", kill_one)
+    there = sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS)
+    assert there.equals(here) and killed and whole(tmp_path) == 128
+    assert sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS).equals(here), "nothing runs again"
+
+
+def test_other_versions_are_told_before_the_first_run(cluster, monkeypatch):
+    monkeypatch.setattr("stimlib.sweep.study.versions", lambda: {"numpy": "1.0"})
+    with pytest.raises(BadValue, match=r"worker tcp://.* has numpy .*, and not 1.0 as here: .* install the same there"):
+        sweep(SCENE, ROWS, measures="rms", on=cluster, **WORDS)
+    with pytest.raises(SinkError, match="no Dask scheduler at tcp://127.0.0.1:1"):
+        monkeypatch.setattr(engines, "PATIENCE", 0.5)
+        sweep(SCENE, ROWS, measures="rms", on="tcp://127.0.0.1:1", **WORDS)
+
+
+@STRESS
+def test_a_row_that_ends_its_worker_is_an_error_of_that_row(cluster):
+    table = sweep(SCENE, ROWS, measures=["rms", deadly], on=cluster, **WORDS)
+    bad = [r for r in table.to_pylist() if r["error"]]
+    assert [(r["k"], r["A"], r["seed"], r["motion"]) for r in bad] == [(7.0, 3.4, 2, "fast")]
+    assert bad[0]["error"] == "3 times: it ended its process by signal 9"
+
+
+CLIENT = """
+import sys
+sys.path.insert(0, {tests!r})
+import test_sweep_cluster as t
+t.engines.FEWEST = 2
+import stimlib.sweep.drive, stimlib.sweep.store
+stimlib.sweep.drive.MOST_ROWS, stimlib.sweep.store.EVERY = 8, 0.0
+on = sys.argv[2] if len(sys.argv) > 2 else None
+try:
+    t.sweep(t.SCENE, t.ROWS, measures=["rms", t.last], out=sys.argv[1], on=on, workers=None if on else 2, **t.WORDS)
+except KeyboardInterrupt as e:
+    print(e)
+    sys.exit(130)
+"""
+
+
+def started(tmp_path, *on):
+    words = [sys.executable, "-c", textwrap.dedent(CLIENT.format(tests=os.path.dirname(__file__))), str(tmp_path / "out"), *on]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def after(job, folder, parts):
+    until = time.monotonic() + 120
+    while len(list(folder.glob("part-*.parquet"))) < parts:
+        if job.poll() is not None or time.monotonic() > until:
+            job.kill()
+            raise AssertionError(job.communicate())
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=STRESS)])
+def test_a_sweep_that_was_stopped_goes_on(tmp_path, number):
+    job, folder = started(tmp_path), tmp_path / "out"
+    after(job, folder, 4)
+    os.kill(job.pid, number)
+    out, err = job.communicate(timeout=20)
+    there = whole(folder)
+    assert 32 <= there < 128 and "Traceback" not in err, err
+    assert number == signal.SIGKILL or (job.returncode == 130 and f"{there} of 128 rows were done; run it again" in out)
+    until = time.monotonic() + 10
+    while subprocess.run(["pgrep", "-s", str(job.pid)], capture_output=True).stdout:  # its workers
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, out=folder, **WORDS)
+    assert whole(folder) == 128 and not here["error"].drop_null()
+
+
+@STRESS
+def test_client_and_scheduler_that_are_killed_lose_only_what_flies(tmp_path):
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, **WORDS)
+    address = tmp_path / "scheduler.json"
+    dask = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--port",
+        "0",
+        "--no-dashboard",
+        "--scheduler-file",
+        str(address),
+    ]
+    work = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address), "--nthreads", "1"]
+    work += ["--no-dashboard", "--death-timeout", "60"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    folder = tmp_path / "out"
+    for killed in ("client", "scheduler", None):
+        address.unlink(missing_ok=True)
+        with subprocess.Popen(dask, **quiet) as scheduler:
+            while not (address.exists() and address.read_text()):
+                time.sleep(0.05)
+            workers = [subprocess.Popen(work, **quiet) for _ in range(2)]
+            try:
+                place = json.loads(address.read_text())["address"]
+                before = len(list(folder.glob("part-*.parquet")))
+                job = started(tmp_path, place)
+                after(job, folder, before + 2)
+                if killed == "client":
+                    job.kill()
+                elif killed:
+                    scheduler.kill()
+                _, err = job.communicate(timeout=120)
+                assert killed != "scheduler" or "SinkError: the cluster went away" in err, err
+                assert killed or job.returncode == 0, err
+            finally:
+                for p in (*workers, scheduler):
+                    p.terminate()
+                for p in workers:
+                    p.wait(20)
+    assert whole(folder) == 128
+    assert sweep(SCENE, ROWS, measures=["rms", last], workers=1, out=folder, **WORDS).equals(here)
