@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Add, Const, Guard, Input, Mul, Param, signals
+from ..core.graph import Add, Const, Guard, Input, Mul, Param, Pick, signals
 from ..core.program import PARAMS, ROOT, Instance, Program
 
 # inches and points
@@ -217,8 +217,8 @@ class Layout:
 
     # Words -----------------------------------------------------------------------------------------------------------
     def unit(self, i: int) -> str:
-        unit = str(self.program.instances[i].block.dim)
-        return "" if unit == "1" else unit
+        b = self.program.instances[i].block
+        return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
     def text(self, i: int) -> list[str]:
         """Lines in a box: what it is, and its numbers."""
@@ -230,6 +230,8 @@ class Layout:
             return [self.names.get(i, "output"), *numbers]
         if isinstance(b, Input):
             return [b.name]
+        if isinstance(b, Pick):
+            return [b.output]
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
         if b.sign:

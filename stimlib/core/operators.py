@@ -101,12 +101,19 @@ def functions() -> dict[str, Callable[..., Any]]:
     same = ("sqrt", "exp", "log", "sin", "cos", "tanh", "maximum", "minimum", "clip")
     return {name: getattr(maps, name) for name in same} | {
         "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv,
-        "negative": operator.neg, "positive": operator.pos, "absolute": abs, "fabs": abs, "square": lambda x: x * x, "reciprocal": lambda x: 1.0 / x,
+        "negative": operator.neg, "positive": operator.pos, "absolute": abs, "fabs": abs, "square": lambda x: x * x,
+        "reciprocal": lambda x: 1.0 / x,
         "greater": operator.gt, "greater_equal": operator.ge, "less": operator.lt, "less_equal": operator.le,
         "equal": operator.eq, "not_equal": operator.ne, "power": operator.pow,
     }  # fmt: skip
 
 
+_THERE = (
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+)
+_THERE = (
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+)
 _INSTEAD = {  # of functions of numpy, what to write
     **dict.fromkeys(("floor", "ceil", "rint", "trunc"), _ROUND),
     **dict.fromkeys(("remainder", "fmod", "floor_divide", "divmod", "modf"), _MODULO),
@@ -122,9 +129,5 @@ _INSTEAD = {  # of functions of numpy, what to write
 
 def no_numpy(name: str) -> Any:
     """Refuse a function of numpy."""
-    known = (
-        "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
-    )
-    raise BadValue(
-        f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is built; {_INSTEAD.get(name, known)}"
-    )
+    why = _INSTEAD.get(name, _THERE)
+    raise BadValue(f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is built; {why}")

@@ -15,7 +15,7 @@ from ..errors import BadValue, SceneError, StimlibError, place
 from . import steps
 from . import units as un
 from .bounds import limits
-from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
+from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, Pick, pack, reach, signals, type_name
 
 PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled adds one.
 
@@ -37,7 +37,7 @@ def lead(fs: float) -> int:
 class Instance(NamedTuple):
     """One thing to run on one clock."""
 
-    kind: str  # block | input | const | open | close
+    kind: str  # block | input | const | open | close | pick
     block: Block
     clock: int
     args: tuple[int, ...]  # instance numbers
@@ -117,7 +117,7 @@ def _numbers(b: Block) -> tuple[Any, ...]:
 
 def foldable(b: Block) -> bool:
     """Whether a block of numbers is a number at every sample rate: a map whose step needs no design."""
-    return isinstance(b, Map) and type(b).step is not None and type(b).design is Block.design
+    return isinstance(b, Map) and not b.outputs and type(b).step is not None and type(b).design is Block.design
 
 
 def _key(v: Any) -> Any:
@@ -229,7 +229,7 @@ def _layout(graph: _Graph, roots: list[int]):
             continue
         args = tuple(made[q] for q in need)
         kind = "input" if isinstance(b, Input) else "const" if isinstance(b, Const) else "open" if kind == "open" else \
-            "close" if isinstance(b, Enabled) else "block"  # fmt: skip
+            "close" if isinstance(b, Enabled) else "pick" if isinstance(b, Pick) else "block"  # fmt: skip
         autonomous = not isinstance(b, (Input, Guard)) and all(instances[a].autonomous for a in args)
         made[key] = len(instances)
         instances.append(Instance(kind, b, clock, args, autonomous, child))

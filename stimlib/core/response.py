@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .graph import Const, Enabled, Map, Param, pack, unpack
+from .graph import Const, Enabled, Map, Param, Pick, pack, unpack
 from .program import Program
 
 
@@ -82,13 +82,16 @@ def response(
             value[i] = b.value
         elif isinstance(b, Param):
             value[i] = params[b.name]
-        elif isinstance(b, Map) and type(b).step is not None and q.args and all(a in value for a in q.args):
+        elif isinstance(b, Map) and not b.outputs and type(b).step is not None and q.args and all(a in value for a in q.args):
             p, s = (unpack(t, pack(t)) for t in design[i])  # numpy's numbers: a division by 0 is inf
             with np.errstate(all="ignore"):
                 value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
+            if isinstance(b, Pick):
+                H[i] = H[q.args[0]][b.place]
+                continue
             parts = [H.get(a) for a in q.args]
             after = b.through(design[i][0], fs, z, parts, [value.get(a) for a in q.args])
             if after is None:

@@ -208,6 +208,9 @@ class Function:
                     inside = inside[early + running(by)]
                 value[i] = jnp.where(by, inside, 0.0)
                 continue
+            if q.kind == "pick":
+                value[i] = value[q.args[0]][q.block.place]  # type: ignore[attr-defined]
+                continue
             x = []
             for a in q.args:
                 v = value[a]
@@ -326,4 +329,5 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]
-    return y if jnp.ndim(y) or not len(s) else spread(y, run.n)
+    full = [v if jnp.ndim(v) or not len(s) else spread(v, run.n) for v in (y if b.outputs else (y,))]
+    return tuple(full) if b.outputs else full[0]

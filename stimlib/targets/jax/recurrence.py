@@ -85,13 +85,15 @@ def _resettable(f: Callable, first: Any) -> Callable:
         s = type(first)(*(jnp.where(on, a, b) for a, b in zip(s, rest, strict=True)))  # or a NaN would enter derivatives
         y, after = f(p, s, *(jnp.where(on, v, 0.0) for v in x[:-2]))
         after = after._replace(cold=0.0)
-        return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
+        return jax.tree.map(lambda v: jnp.where(on, v, 0.0), y), type(first)(
+            *(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True))
+        )
 
     return step
 
 
 def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
-    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them.
+    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them; a tuple of several.
 
     first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a resettable block: where it runs, and ``cold``
     where it does not.
