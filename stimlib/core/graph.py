@@ -60,6 +60,7 @@ class Block(Refusals):
     source: ClassVar[str] = ""  # of a class that is not stimlib's: the text of its file
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
+    begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
@@ -101,7 +102,7 @@ class Block(Refusals):
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
-        object.__setattr__(self, "autonomous", not isinstance(self, Input) and all(c.autonomous for c in kids))
+        object.__setattr__(self, "autonomous", type(self).begins_early and all(c.autonomous for c in kids))
         dim = self.units(*(c.dim for c in kids))
         dims = dim if isinstance(dim, tuple) and self.outputs else (dim,)
         if not all(isinstance(d, Unit) for d in dims) or len(dims) != max(1, len(self.outputs)):
@@ -112,9 +113,14 @@ class Block(Refusals):
             )
         object.__setattr__(self, "dim", dim)
 
+    @property
+    def definition(self) -> Any:
+        """The class that has the step or the tile, which is its own, but for what a program has put together."""
+        return type(self)
+
     sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
 
-    autonomous: ClassVar[bool]  # no Input reaches it
+    autonomous: ClassVar[bool]  # no Input reaches it, and no loop: it runs before sample 0
     dim: ClassVar[Unit]  # unit of the output
 
     # What a class may define ---------------------------------------------------------------------------------------
@@ -355,6 +361,7 @@ class Input(Block):
 
     name: str
     unit: str = ""
+    begins_early = False
 
     def check(self):
         check_name(type(self).__name__, self.name)
@@ -660,8 +667,9 @@ class Enabled(Block):
     by: Block
 
     def check(self):
-        if not self.block.autonomous:
-            culprit = next(b for b in reach([self.block]) if isinstance(b, Input))
+        below = [] if self.block.autonomous else reach([self.block])
+        culprit = next((b for b in below if isinstance(b, Input)), None)
+        if culprit is not None:
             raise SceneError(
                 f"enabled({self.block!r}) would need the input {culprit.name!r} while it is held; "
                 "enable only what no Input reaches, and multiply after the gate: x * enabled(noise, by=gate)"

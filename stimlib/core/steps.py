@@ -254,6 +254,34 @@ def check_design(cls: Any, made: Any) -> None:
     )
 
 
+def designed(block: Block, fs: float) -> tuple[Any, Any]:
+    """What the ``design`` of a block gives; SceneError, with file and line, where its author has erred.
+
+    Examples
+    --------
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import designed
+    >>> designed(Input("x") * 2.0, 1000.0)
+    ((), ())
+    """
+    cls = type(block)
+    try:
+        pair = block.design(fs)
+    except Exception as e:
+        if isinstance(e, StimlibError) or ours(cls):
+            raise
+        raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
+    check_design(cls, pair)
+    if block.definition is cls:
+        check_block(cls, getattr(cls.tile or cls.step, "__code__", None), *map(type, pair))
+    return pair
+
+
+def ours(cls: type) -> bool:
+    """Whether a class is the library's."""
+    return cls.__module__.partition(".")[0] == "stimlib"
+
+
 @cache
 def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
     """Raise SceneError, with file and line, where a step does not fit its class, or what ``design`` returns.
@@ -324,16 +352,16 @@ def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.nda
     >>> float(y), state
     (6.0, ())
     """
-    cls = type(block)
+    cls = block.definition
     try:
         if cls.step is not None:
             y, s = cls.step(p, s, *x)
             return tuple(np.float64(v) for v in y) if cls.outputs else np.float64(y), s
         tile = np.empty((max(1, len(cls.outputs)), 1))
-        s = cls.tile(p, s, *(np.array([v]) for v in x), *tile, *work)  # type: ignore[misc]
+        s = cls.tile(p, s, *(np.array([v]) for v in x), *tile, *work)
         return tuple(tile[:, 0]) if cls.outputs else tile[0, 0], s
     except Exception as e:
-        if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
+        if isinstance(e, StimlibError) or ours(cls):
             raise
         name, f = _what(cls)
         lines = [(t.filename, t.lineno) for t in traceback.extract_tb(e.__traceback__) if not t.filename.startswith(_HERE)]
@@ -342,7 +370,7 @@ def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.nda
         raise SceneError(f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}") from e
 
 
-def _what(cls: type[Block]) -> tuple[str, Any]:
+def _what(cls: Any) -> tuple[str, Any]:
     """What defines a sample."""
     return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
 

@@ -25,7 +25,8 @@ class Engine:
         self.p = [unpack(p, pack(p)) for p, _ in design]
         self.s = [unpack(s, pack(s)) for _, s in design]
         blocks = [q.block for q in program.instances]
-        self.work = [np.zeros(b.work(p) if b.work else 0) for b, p in zip(blocks, self.p, strict=True)]
+        works = [b.definition.work for b in blocks]
+        self.work = [np.zeros(work(p) if work else 0) for work, p in zip(works, self.p, strict=True)]
         self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
 
     def copy(self) -> Engine:
@@ -69,7 +70,7 @@ class Engine:
             if self.s[i].cold == 0.0:
                 self.s[i] = at_rest(self.design[i][1])
             return (np.float64(0.0),) * len(block.outputs) or np.float64(0.0)
-        scratch = (self.work[i],) if block.work else ()
+        scratch = (self.work[i],) if block.definition.work else ()
         y, after = sample(block, self.p[i], self.s[i], x, scratch)
         self.s[i] = after._replace(cold=np.float64(0.0)) if block.resettable else after
         return y

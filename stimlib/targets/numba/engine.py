@@ -104,7 +104,7 @@ class Engine:
         for together in _order(program, design):
             i = together[0]
             q = instances[i]
-            cls = type(q.block)
+            cls = q.block.definition
             if q.kind == "pick":
                 continue
             if q.kind == "open":
@@ -130,8 +130,8 @@ class Engine:
                     p, s = design[k]
                     sizes = [v.size for v in s if isinstance(v, np.ndarray)]
                     words += [*(arg(a, q.clock) for a in instances[k].args[:count]), *places(k)]
-                    if q.block.work:
-                        sizes.append(q.block.work(p))
+                    if cls.work:
+                        sizes.append(cls.work(p))
                         scratch = max(scratch, sizes[-1])
                     numbers, payload = _parameter_words(p, sizes)
                     at.append(parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])]))
@@ -143,7 +143,7 @@ class Engine:
                         arg(q.args[-1], q.clock), outs[0], len(outs), p_at - at[0] - rest.size, rest.size, address, *words
                     ]  # fmt: skip
                     address = machine.RESETTABLE
-                if q.block.work:
+                if cls.work:
                     work_slots.append(len(A) + len(words))
                     words.append(-1)
                 row(address, i, words, at[0], stands=still[i])
@@ -342,7 +342,7 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
     """What two instances have in common that can step side by side; None where one cannot."""
     q, (p, s) = program.instances[i], design[i]
-    cls = type(q.block)
+    cls = q.block.definition
     alone = q.kind != "block" or cls.tile or cls.outputs or not s or any(isinstance(v, np.ndarray) for v in s)
     if alone or (cls.resettable and not _always(program.instances[q.args[-1]])):
         return None

@@ -6,6 +6,7 @@ segment.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import types
@@ -29,15 +30,19 @@ from stimlib.targets.numba import lanes as _sl_lanes, native as _sl
 
 def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
     """Text of a function under a name, after that of every helper, constant and NamedTuple it uses."""
+    renamed: dict[str, str] = {}
     for n, v in steps.names(f).items():
+        if n in done and not _same(done[n], v):  # another helper's: this one gets a name of its own
+            renamed[n] = n = f"_sl_{n}_{len(done)}"
         if n in done:
-            if done[n] is not v and not (isinstance(v, (int, float)) and type(done[n]) is type(v) and repr(done[n]) == repr(v)):
-                raise SceneError(f"{f.__qualname__}: {n!r} means different things in its helpers; rename one")
             continue
+        twin = next((m for m, u in done.items() if u is v), None) if hasattr(v, "_fields") else None
         done[n] = v
         if v is abs or v is range:
             continue
-        if v is np:
+        if twin:  # one type to numba too
+            out.append(f"{n} = {twin}")
+        elif v is np:
             out.append(f"import numpy as {n}")
         elif v is maths:
             out.append(f"{n} = _sl")
@@ -59,8 +64,23 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
                 f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level numbers, NamedTuples and helper "
                 "functions; put arrays into the parameters that design(fs) returns"
             )
-    text = re.sub(r"^def \w+", f"def {name}", steps.source(f))
+    text = re.sub(r"^def \w+", f"def {name}", _with_names(steps.source(f), renamed))
     out.append(f'@_sl_njit(error_model="numpy", inline="always")\n{text}')
+
+
+def _same(a: Any, b: Any) -> bool:
+    return a is b or (isinstance(b, (int, float)) and type(a) is type(b) and repr(a) == repr(b))
+
+
+def _with_names(text: str, names: dict[str, str]) -> str:
+    """A function's text with other names for some globals."""
+    if not names:
+        return text
+    tree = ast.parse(text)
+    for v in ast.walk(tree):
+        if isinstance(v, ast.Name):
+            v.id = names.get(v.id, v.id)
+    return ast.unparse(tree) + "\n"
 
 
 def _tuple_text(name: str, t: type) -> str:
