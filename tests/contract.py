@@ -417,6 +417,34 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Loops and what they hand out ----------------------------------------------------------------------------------------
+def rubbed(x):
+    """Bristles under a mass that x pushes (LuGre): a loop in a loop, of which both values are heard."""
+
+    def move(v):
+        z = b.loop(lambda z: (z + 1e-3 * v) / (1.0 + abs(v) / (1.0 + 0.5 * b.exp(-((100.0 * v) ** 2)))))
+        return v + 0.01 * (0.5 * x - 1e3 * z - 0.4 * v), z
+
+    v, z = b.loop(move)
+    return v + 100.0 * z
+
+
+def halves(x):
+    low, high = b.loop(lambda last: (last + 0.1 * (x - last), x - last), start=0.5)
+    return low - 0.3 * high
+
+
+TABLE += [
+    Entry("loop", "Loop", lambda x: b.loop(lambda last: last + 0.1 * (x - last)), (normal,), lti=True),
+    Entry("loop_start", "Last", lambda x: b.loop(lambda last: 0.9 * last + 0.0 * x, start=3.0), (normal,)),
+    Entry("loop_delay", "Loop", lambda x: b.loop(lambda last: x - 0.5 * b.delay(last, 9)), (held,), lti=True),
+    Entry("loop_param", "Loop", lambda x: b.loop(lambda last: last + Param("g", 0.1) * (x - last)), (held,)),
+    Entry("loop_nested", "Tap", rubbed, (normal,)),
+    Entry("loop_taps", "Pick", halves, (held,)),
+    Entry("loop_enabled", "Loop", lambda x: b.enabled(b.loop(lambda last: 0.9 * last + b.white_noise(3)), by=x), (ties,)),
+]
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

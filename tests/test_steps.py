@@ -254,7 +254,9 @@ def test_every_step_and_tile_we_ship_is_straight_line():
     for f, tile in written:
         steps.check(f, tile)
     for c in ours().values():
-        assert c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled", "Pick"), c
+        assert (
+            c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled", "Pick", "Loop", "Last", "Tap")
+        ), c
 
 
 def test_blocks_import_no_target_and_no_plotting_at_module_level():
