@@ -93,15 +93,8 @@ class _Graph:
 
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
         """Number of a block over rewritten inputs: numbers folded, literal zeros and ones removed."""
-        if isinstance(b, Last):  # two loops have two, equal or not
-            self.nodes.append(_Node(b, ()))
-            return len(self.nodes) - 1
-        if isinstance(b, Loop):
-            if self.bodies.setdefault(kids[1], kids[0]) != kids[0]:
-                raise SceneError(f"{b!r} and another loop have one last value: make each with loop(..)")
-            return kids[0]
-        if isinstance(b, Tap):
-            return kids[1]
+        if isinstance(b, Last | Loop | Tap):
+            return self.feedback(b, kids)
         values = [self.value(k) for k in kids]
         if foldable(b) and kids and None not in values:
             with np.errstate(all="ignore"):
@@ -120,6 +113,18 @@ class _Graph:
                 self.removed[f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"] = None
                 return self.const(0.0, b)
         return self.number(b, kids)
+
+    def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
+        """Number of a part of a loop: a loop is its body, what it hands out is what is inside."""
+        if isinstance(b, Last):  # two loops have two, equal or not
+            self.nodes.append(_Node(b, ()))
+            return len(self.nodes) - 1
+        if isinstance(b, Loop):
+            body, last = kids
+            if self.bodies.setdefault(last, body) != body:
+                raise SceneError(f"{b!r} and another loop have one last value: make each with loop(..)")
+            return body
+        return kids[1]
 
     def closed(self, roots: list[int]) -> tuple[_Graph, list[int]]:
         """The same graph, and its roots, with one block for all nodes of a loop."""
