@@ -10,9 +10,8 @@ import ast
 import graphlib
 import hashlib
 import linecache
-from collections import namedtuple
+from collections import Counter, namedtuple
 from collections.abc import Callable, Iterable, Sequence
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,9 +36,10 @@ def closed(nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], numbe
                 f"{b!r} is used, and its loop is not: let the function given to loop return what uses it, in a tuple"
             )
     group = _groups(nodes, bodies, reached)
+    together = Counter(group[n] for n in reached)
     for n in sorted(reached):
         if isinstance(nodes[n].block, Enabled):
-            _check_enabled(nodes, bodies, group, n)
+            _check_enabled(nodes, bodies, together[group[n]] > 1, n)
     heard = {k for n in reached for k in nodes[n].kids if group[k] != group[n]} | set(roots)
     needs: dict[int, set[int]] = {}
     inside: dict[int, list[int]] = {}
@@ -86,11 +86,11 @@ def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> 
     return connected_components(needs.tocsr(), connection="strong")[1].tolist()
 
 
-def _check_enabled(nodes: Sequence[Any], bodies: dict[int, int], group: list[int], n: int) -> None:
+def _check_enabled(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
     """Raise SceneError where an ``enabled`` is on a cycle, or runs what is outside of it."""
     b = nodes[n].block
     inside = _below(nodes, {}, nodes[n].kids[:1])
-    if group.count(group[n]) > 1 or any(k in bodies and bodies[k] not in inside for k in inside):
+    if on_cycle or any(k in bodies and bodies[k] not in inside for k in inside):
         raise SceneError(
             f"{b!r} is inside a loop, or uses the last value of one: nobody could say what the loop hears while it is held; "
             "enable the whole loop, or what does not use its last value, or choose with where(gate, new, last)"
@@ -249,41 +249,22 @@ def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, 
     def at(a: str) -> str:
         return f"p.{a}" if a[0] == "c" else f"{a}[i]" if tiled and a[0] == "x" else a
 
-    lines: list[str] = []
-    before = [f"last{j} = s.last{j}" for j in range(len(ends))]
-    kept = []
-    words = 0
-    for k, m in enumerate(members):
-        state = [f"s.m{k}_{f}" for f in _fields(m.s)]
-        if state:
-            if tiled:
-                before.append(f"t{k} = {names(m.s)}({', '.join(state)})")
-                state = [f"t{k}.{f}" for f in _fields(m.s)]
-            kept += [f"t{k}.{f}" for f in _fields(m.s)]
-        elif not _fields(m.p) and not m.tile and not m.outputs:
-            if (short := _expression(m.f, [at(a) for a in m.args], names)) is not None:
-                lines.append(f"v{k} = _F({short})")
-                continue
-        lines += _one(k, m, state, [at(a) for a in m.args], m.contact and at(m.contact), words, names)
-        words += len(m.args) + max(1, m.outputs) if m.tile else 0
+    states, lines, words = _lines(members, tiled, at, names)
+    own = [(k, f"m{k}_{f}") for k, m in enumerate(members) for f in _fields(m.s)]
     p_fields = [f"c{j}" for j in range(constants)] + [f"m{k}_{f}" for k, m in enumerate(members) for f in _fields(m.p)]
     p_fields += [f"r{k}_{f}" for k, m in enumerate(members) if m.contact for f in _fields(m.s)]
     p_fields += [name for k, m in enumerate(members) if m.scratch for name in (f"w{k}", f"w{k}_end")] + ["words"] * tiled
-    s_fields = [f"last{j}" for j in range(len(ends))] + [f"m{k}_{f}" for k, m in enumerate(members) for f in _fields(m.s)]
-    P, S = (namedtuple(f"Loop{what}", fields) for what, fields in (("Params", p_fields), ("State", s_fields)))
+    lasts, xs, ys = ([f"{v}{j}" for j in range(n)] for v, n in (("last", len(ends)), ("x", inputs), ("y", len(results))))
+    P, S = namedtuple("LoopParams", p_fields), namedtuple("LoopState", [*lasts, *(f for _, f in own)])
     names.space["_S"] = S
-    lasts = [f"last{j}" for j in range(len(ends))]
-    xs, ys = [f"x{j}" for j in range(inputs)], [f"y{j}" for j in range(len(results))]
+    kept = [f"t{k}.{f.partition('_')[2]}" for k, f in own]
+    before = [f"{v} = s.{v}" for v in lasts]
     settled = [f"_settle(_F({at(e)}))" for e in ends]
     if tiled:
         lines += [f"{y}[i] = {at(r)}" for y, r in zip(ys, results, strict=True)]
         lines.append(f"{', '.join(lasts)} = {', '.join(settled)}")
-        body = [
-            *before,
-            "for i in range(y0.size):",
-            *(f"    {line}" for line in lines),
-            f"return _S({', '.join([*lasts, *kept])})",
-        ]
+        body = [*before, *states, "for i in range(y0.size):", *(f"    {line}" for line in lines)]
+        body.append(f"return _S({', '.join([*lasts, *kept])})")
         head = f"def tile({', '.join(['p', 's', *xs, *ys, 'w'])}):"
     else:
         y = ", ".join(at(r) for r in results)
@@ -307,13 +288,30 @@ def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, 
         return [tuple(t(*(next(v) for _ in _fields(t))) for t, v in ((m.p, p), (m.s, s))) for m in members]
 
     return type(
-        "Loop", (SimpleNamespace,),
+        "Loop", (),
         {
             "step": None if tiled else f, "tile": f if tiled else None, "resettable": False, "S": S,
             "work": staticmethod(lambda p: int(p.words)) if tiled else None, "outputs": tuple(ys) if len(ys) > 1 else (),
             "parameters": staticmethod(parameters), "parts": staticmethod(parts),
         },
     )  # fmt: skip
+
+
+def _lines(members: tuple[Member, ...], tiled: bool, at: Callable[[str], str], names: _Names) -> tuple[list[str], list[str], int]:
+    """Lines that take the members' states, those that run them for a sample, and the words that tiles among them need."""
+    before: list[str] = []
+    lines: list[str] = []
+    words = 0
+    for k, m in enumerate(members):
+        args, state = [at(a) for a in m.args], [f"s.m{k}_{f}" for f in _fields(m.s)]
+        if state and tiled:
+            before.append(f"t{k} = {names(m.s)}({', '.join(state)})")
+            state = [f"t{k}.{f}" for f in _fields(m.s)]
+        plain = not (state or _fields(m.p) or m.tile or m.outputs)
+        short = _expression(m.f, args, names) if plain else None
+        lines += [f"v{k} = _F({short})"] if short else _one(k, m, state, args, m.contact and at(m.contact), words, names)
+        words += len(m.args) + max(1, m.outputs) if m.tile else 0
+    return before, lines, words
 
 
 def _one(k: int, m: Member, state: list[str], args: list[str], contact: str | None, words: int, names: _Names) -> list[str]:
@@ -327,8 +325,7 @@ def _one(k: int, m: Member, state: list[str], args: list[str], contact: str | No
     s = f"{names(m.s)}({', '.join(state)})" if state else "()"
     values = [f"v{k}_{j}" for j in range(m.outputs)] or [f"v{k}"]
     if m.tile:
-        if m.s and f"t{k}." in s:
-            s = f"t{k}"
+        s = f"t{k}" if state else s
         places = [f"w[{words + j}:{words + j + 1}]" for j in range(len(args) + len(values))]
         lines += [f"w[{words + j}] = {a}" for j, a in enumerate(args)]
         scratch = [f"w[_I(p.w{k}):_I(p.w{k}_end)]"] * m.scratch
