@@ -2,6 +2,7 @@
 
 import json
 import linecache
+import os
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -118,6 +119,7 @@ CASES = {
     "outputs of a tile": lambda: {"y": loop(lambda y: x - 0.3 * Halves(y).low - 0.1 * Halves(y).high)},
     "an output of a loop": lambda: {"y": Turn(loop(lambda y: 0.5 * y + x)).far},
 }
+JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}  # the table and generated graphs have others
 TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
 
 
@@ -146,7 +148,7 @@ def test_every_target_every_cut(name):
     if name in TILES:
         with pytest.raises(SceneError, match=r"\(.*\) is inside a loop, where JAX runs steps"):
             stimlib.compile(scene, FS, target="jax")
-    else:
+    elif name in JAX or "STIMLIB_STRESS" in os.environ:
         z = stimlib.compile(scene, FS, target="jax")({}, u)
         for row, out in zip(y, fast.outputs, strict=True):
             np.testing.assert_allclose(z[out], row, rtol=1e-9, atol=1e-9)
@@ -320,7 +322,7 @@ def test_deep_and_many_loops():
 
     def inner(last):
         deep.append(last)
-        return 0.001 * sum(deep[1:], deep[0]) + (loop(inner) if len(deep) < 300 else x)
+        return 0.001 * (deep[0] + last) + (loop(inner) if len(deep) < 300 else x)
 
     program = Scene({"row": y, "deep": loop(inner)}).program
     cycles = [q.block for q in program.instances if isinstance(q.block, Cycle)]
