@@ -81,7 +81,7 @@ class Builder:
         """A loop, perhaps with another inside; of two values that it hands out one may lie off the way around."""
 
         def body(last):
-            pool = [last, *signals, last]
+            pool = [*signals, last]
             for _ in range(self.draw(st.integers(1, 3))):
                 x, y = self.choose(pool), self.choose(pool)
                 kinds = [
@@ -90,11 +90,11 @@ class Builder:
                     lambda x=x, y=y: S * b.velocity(x, 20.0, contact=y > -0.5), lambda x=x, y=y: b.sin(x),
                 ]  # fmt: skip
                 if self.tiles:
-                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)]
+                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)] * 3
                 if depth == 0:
-                    kinds.append(lambda x=x, y=y: self.looped(x, y, depth=1))
+                    kinds += [lambda x=x: self.looped(x, pool[-1], depth=1)] * 3
                 pool.append(self.draw(st.sampled_from(kinds))())
-            return 0.25 * last + 0.25 * b.tanh(pool[-1]), self.choose(pool)
+            return 0.25 * last + 0.25 * b.tanh(pool[-1]), self.choose(pool)  # the newest depends on last, mostly
 
         y, other = b.loop(body, start=self.draw(number))
         return y + 0.5 * other
