@@ -12,6 +12,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
+from typing import NamedTuple
 
 import numpy as np
 
@@ -415,6 +416,65 @@ TABLE += [
     Entry("bumps", "LinearBump",
         lambda x, contact: stimlib.scenes.bumps("sawtooth", contact=True).outputs["voltage"] * 1.0, (squeeze, touch), unit="m"),
 ]  # fmt: skip
+
+
+# Several outputs, loops and what they hand out -----------------------------------------------------------------
+def rubbed(x):
+    """Bristles under a mass that x pushes (LuGre): a loop in a loop, of which both values are heard."""
+
+    def move(v):
+        z = b.loop(lambda z: (z + 1e-3 * v) / (1.0 + abs(v) / (1.0 + 0.5 * b.exp(-((100.0 * v) ** 2)))))
+        return v + 0.01 * (0.5 * x - 1e3 * z - 0.4 * v), z
+
+    v, z = b.loop(move)
+    return v + 100.0 * z
+
+
+@dataclass(frozen=True, eq=False)
+class Lagging(Block):
+    """Means of this sample and the last, and half their difference: a block of a user's, with two outputs."""
+
+    x: Block
+    outputs = ("mean", "rise")
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    def design(self, fs):
+        return (), Lagged(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        return (0.5 * (x + s.x), 0.5 * (x - s.x)), Lagged(x)
+
+    def through(self, p, fs, z, H, value):
+        return 0.5 * (1 + 1 / z) * H[0], 0.5 * (1 - 1 / z) * H[0]
+
+
+class Lagged(NamedTuple):
+    x: float
+
+
+def parts(x):
+    lagging = Lagging(x)
+    return lagging.mean - 0.25 * lagging.rise
+
+
+def halves(x):
+    low, high = b.loop(lambda last: (last + 0.1 * (x - last), x - last), start=0.5)
+    return low - 0.3 * high
+
+
+TABLE += [
+    Entry("loop", "Loop", lambda x: b.loop(lambda last: last + 0.1 * (x - last)), (normal,), lti=True),
+    Entry("loop_start", "Last", lambda x: b.loop(lambda last: 0.9 * last + 0.0 * x, start=3.0), (normal,)),
+    Entry("loop_delay", "Loop", lambda x: b.loop(lambda last: x - 0.5 * b.delay(last, 9)), (held,), lti=True),
+    Entry("loop_param", "Loop", lambda x: b.loop(lambda last: last + Param("g", 0.1) * (x - last)), (held,)),
+    Entry("loop_nested", "Tap", rubbed, (normal,)),
+    Entry("loop_taps", "Tap", halves, (held,)),
+    Entry("outputs", "Pick", parts, (normal,), lti=True),
+    Entry("loop_enabled", "Loop", lambda x: b.enabled(b.loop(lambda last: 0.9 * last + b.white_noise(3)), by=x), (ties,)),
+]
 
 
 def ours() -> dict[str, type[Block]]:

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
@@ -321,18 +320,12 @@ def test_users_choose_their_names_freely(taken, case):
     assert taken[case] == [[12.0, 18.0]] * 2
 
 
-def test_one_name_with_two_meanings_is_an_error(tmp_path, cache):
+def test_one_name_with_two_meanings_keeps_both(tmp_path, cache):
     """A step and its helper, from two modules, mean different numbers by one name."""
     (tmp_path / "far.py").write_text("FACTOR = 7.0\ndef far(x):\n    return x * FACTOR\n")
     (tmp_path / "mine.py").write_text(
         MODULE.format(**DEFAULT | {"top": "from far import far", "step": "p.gain * FACTOR * far(x)"})
     )
-    (tmp_path / "user.py").write_text(
-        USER.replace("for target", "try:\n  for target").replace("    p", "      p")
-        + textwrap.dedent("""
-        except stimlib.SceneError as e:
-            print(e)
-        """)
-    )
+    (tmp_path / "user.py").write_text(USER)
     out, _ = run(tmp_path / "user.py", cache, paths=[tmp_path])
-    assert "'FACTOR' means different things" in out or out.split() == ["42.0", "84.0"] * 2
+    assert out.split() == ["42.0", "84.0"] * 2

@@ -35,7 +35,7 @@ def text_of(*pages: str) -> str:
 def test_docs_build_without_warnings(tmp_path):
     """From a copy, because the gallery is written beside the pages; its scripts are not run here but in test_gallery.py."""
     shutil.copytree(DOCS, tmp_path / "docs", ignore=shutil.ignore_patterns(*MADE))
-    for folder in ("examples", "stimlib"):
+    for folder in ("benchmarks", "examples", "stimlib"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-D", "plot_gallery=0"]
     done = subprocess.run([*command, "docs", "html"], cwd=tmp_path, capture_output=True, text=True, timeout=900)

@@ -15,6 +15,7 @@ from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
+from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block, Enabled, Guard, reach
 from stimlib.core.program import lower
 from stimlib.errors import SceneError
@@ -27,8 +28,8 @@ NUMBERS = [-2.0, -0.5, 0.25, 0.75, 1.0, 3.0]
 class Builder:
     """Draws a graph: a pool of blocks that Inputs reach or not, from which further blocks are made."""
 
-    def __init__(self, draw):
-        self.draw = draw
+    def __init__(self, draw, tiles=True):
+        self.draw, self.tiles = draw, tiles
         self.streams = 0
         self.autonomous = [Param("a", draw(number)), Param("c", draw(number)), b.white_noise(draw(small), shared=True)]
         self.signals = [Input("x1"), Input("x2"), *self.autonomous]
@@ -64,6 +65,7 @@ class Builder:
             lambda: b.lut(b.tanh(x), [-1.0, 0.0, 1.0], values[:2] + [0.5], outside="error"), lambda: noise,
             lambda: PinkNoise(noise, 0.5, 20.0, 0.5),
             lambda: self.other(x, y, z), lambda: self.other(x, y, z),
+            lambda: self.looped(x, y), lambda: self.looped(x, y), lambda: self.looped(x, y),
             lambda: b.enabled(self.choose(self.autonomous), by=x > y), lambda: self.gated(x, y), lambda: self.gated(x, y),
         ]  # fmt: skip
         return draw(st.sampled_from(kinds))()
@@ -74,6 +76,28 @@ class Builder:
         entry = self.draw(st.sampled_from([e for e in OTHERS if e.cls == cls]))
         block = entry.make(*(constant(1.0, entry.unit) * v for v, _ in zip(signals, entry.drive, strict=False)))
         return block / constant(1.0, "" if str(block.dim) == "1" else str(block.dim))
+
+    def looped(self, *signals, depth=0):
+        """A loop, perhaps with another inside; of two values that it hands out one may lie off the way around."""
+
+        def body(last):
+            pool = [*signals, last]
+            for _ in range(self.draw(st.integers(1, 3))):
+                x, y = self.choose(pool), self.choose(pool)
+                kinds = [
+                    lambda x=x, y=y: x * b.tanh(y), lambda x=x, y=y: x - 0.5 * y, lambda x=x, y=y: x + 0.5,
+                    lambda x=x, y=y: b.delay(x, 3), lambda x=x, y=y: b.first_order(x, 0.02), lambda x=x, y=y: b.maximum(x, y),
+                    lambda x=x, y=y: S * b.velocity(x, 20.0, contact=y > -0.5), lambda x=x, y=y: b.sin(x),
+                ]  # fmt: skip
+                if self.tiles:
+                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)] * 3
+                if depth == 0:
+                    kinds += [lambda x=x: self.looped(x, pool[-1], depth=1)] * 3
+                pool.append(self.draw(st.sampled_from(kinds))())
+            return 0.25 * last + 0.25 * b.tanh(pool[-1]), self.choose(pool)  # the newest depends on last, mostly
+
+        y, other = b.loop(body, start=self.draw(number))
+        return y + 0.5 * other
 
     def gated(self, x, y):
         """An autonomous graph of its own behind a gate, perhaps with a gate inside."""
@@ -94,7 +118,7 @@ class Builder:
 
 WRITTEN_OUT = (
     "Input Const Param Add Sub Mul Div Neg Abs Greater AtLeast Where Maximum Minimum Sqrt Exp Log Sin Cos Tanh Nonzero Guard "
-    "Delay Taps Differentiator Loading Velocity FirstOrder Pinking PinkNoise White Enabled Lut"
+    "Delay Taps Differentiator Loading Velocity FirstOrder Pinking PinkNoise White Enabled Lut Loop Last Tap Pick"
 ).split()
 OTHERS = [e for e in TABLE if e.cls not in WRITTEN_OUT and e.drive and e.name != "bumps"]  # a scene with an input of its own
 number = st.sampled_from(NUMBERS)
@@ -102,8 +126,8 @@ small = st.integers(0, 3)
 
 
 @st.composite
-def scenes(draw):
-    builder = Builder(draw)
+def scenes(draw, tiles=True):
+    builder = Builder(draw, tiles)
     for _ in range(draw(st.integers(6, 14))):
         if draw(st.booleans()):
             builder.signals.append(builder.block(builder.signals))
@@ -219,7 +243,14 @@ def test_generated_graphs_keep_the_laws():
         if len(structures) % 3 == 0 or "STIMLIB_STRESS" in os.environ:
             check_independence(scene, fs, seed, x, sets)
         structures.add(program.hash)
-        seen.update({type(q.block).__name__ for q in program.instances})
+        seen.update(
+            {type(q.block).__name__ for q in program.instances} | {type(b).__name__ for b in reach(scene.outputs.values())}
+        )
+        cycles = [q.block for q in program.instances if isinstance(q.block, Cycle)]
+        seen["loops"] += bool(cycles)
+        seen["loops in loops"] += any(len(c.ends) > 1 for c in cycles)
+        seen["loops with tiles"] += any(m.definition.step is None for c in cycles for m in c.members)
+        seen["several outputs"] += any(q.kind == "pick" for q in program.instances)
         seen["nested"] += any(p > 1 for p in program.parents)
         seen["enabled"] += len(program.parents) > 2
         seen["live inside"] += any(
@@ -249,6 +280,10 @@ def test_generated_graphs_keep_the_laws():
         "set": 0.3,
         "two outputs": 0.3,
         "audible": 0.75,
+        "loops": 0.25,
+        "loops in loops": 0.05,
+        "loops with tiles": 0.05,
+        "several outputs": 0.1,
     }.items():
         assert seen[what] >= least * GRAPHS, f"{what}: only {seen[what]}"
 

@@ -122,7 +122,7 @@ def wrapped(name, arity):
     return call
 
 
-UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush"]
+UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush", "settle"]
 
 
 def test_every_name_of_maths_is_tested_here():

@@ -108,7 +108,7 @@ def test_the_mathematics_of_steps_takes_numbers_alone():
     [
         np.sin, np.cos, np.tanh, np.exp, np.log, np.sqrt, np.abs, np.negative, np.square, lambda v: np.power(v, 3),
         lambda v: np.maximum(v, 1.5), lambda v: np.minimum(1.5, v), lambda v: np.add(v, 2.0), lambda v: np.divide(1.0, v),
-        lambda v: np.float64(2.0) * v, lambda v: np.float32(2.0) - v, lambda v: np.array(3.0) * v,
+        np.reciprocal, lambda v: np.float64(2.0) * v, lambda v: np.float32(2.0) - v, lambda v: np.array(3.0) * v,
     ],
 )  # fmt: skip
 def test_numpy_functions_are_blocks(f):
@@ -132,6 +132,11 @@ def test_numpy_functions_are_blocks(f):
         (lambda: math.floor(n), "lut"), (lambda: math.ceil(n), "lut"), (lambda: math.trunc(n), "lut"),
         (lambda: len(n), "delay(x, samples=1)"), (lambda: n[0], "delay"), (lambda: n[-1:], "delay"), (lambda: list(n), "delay"),
         (lambda: [v for v in n], "delay"), (lambda: 1.0 in n, "delay"), (lambda: np.arctan(n), "stimlib.blocks"),
+        (lambda: np.floor(n), "lut"), (lambda: np.mod(n, 2.0), "bump"),
+        (lambda: np.floor_divide(1.0, n), "bump"), (lambda: np.sign(n), "(x > 0) - (x < 0)"),
+        (lambda: np.tan(n), "sin(x) / cos(x)"),
+        (lambda: np.hypot(n, m), "sqrt(a**2 + b**2)"), (lambda: np.logical_and(n > 0, m > 0), "minimum(a, b)"),
+        (lambda: np.log10(n), "math.log(b)"), (lambda: np.isnan(n), "x != x"),
         (lambda: np.mean(n), "stimlib.blocks"), (lambda: np.where(n == 0, 1.0, 2.0), "where of stimlib.blocks"),
         (lambda: np.array([n, m]), "stimlib.blocks"), (lambda: np.asarray(n, float), "stimlib.blocks"),
         (lambda: np.add.reduce(n), "stimlib.blocks"), (lambda: np.sin(n, out=np.ones(2)), "stimlib.blocks"),

@@ -14,6 +14,7 @@ from laws import assert_same
 import stimlib
 from stimlib import Input, Scene, constant
 from stimlib.core import maths, steps
+from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block
 from stimlib.core.maths import fma, sin, where
 from stimlib.core.program import design_of, program_of
@@ -254,7 +255,9 @@ def test_every_step_and_tile_we_ship_is_straight_line():
     for f, tile in written:
         steps.check(f, tile)
     for c in ours().values():
-        assert c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled"), c
+        assert (
+            c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled", "Pick", "Loop", "Last", "Tap")
+        ), c
 
 
 def test_blocks_import_no_target_and_no_plotting_at_module_level():
@@ -670,5 +673,7 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
         design = design_of(program, entry.rates[0])
         assert len(design) == len(program.instances)
         for q, (p, s) in zip(program.instances, design, strict=True):
-            if q.kind == "block":
-                steps.rehearse(q.block, p, s)
+            of_loop = isinstance(q.block, Cycle)
+            blocks = zip(q.block.members, q.block.made.parts(p, s), strict=True) if of_loop else [(q.block, (p, s))]
+            for block, numbers in blocks if q.kind == "block" else ():
+                steps.rehearse(block, *numbers)

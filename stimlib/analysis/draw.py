@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from ..core import regular
-from ..core.graph import Guard, Input, signals
+from ..core.graph import Guard, Input
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..errors import BadValue, shown
-from .layout import LINE, MARGIN, PAD, SMALL, STRIP, TITLE, WIRE, Box, Layout, Level, width_of
+from .layout import LINE, MARGIN, PAD, SMALL, STRIP, TITLE, WIRE, Box, Layout, Level, names_of, width_of
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
@@ -222,7 +222,7 @@ class Ink:
             sources.sort(key=lambda a: self.start(a, b.first)[1])
         x = p.x[b.first] + (p.wide[b.first] - b.width) / 2
         q = self.instances[b.number]
-        names = [n for n, a in zip(signals(type(q.block)), q.args, strict=True) if a in sources]
+        names = [n for n, a in zip(names_of(q.block), q.args, strict=True) if a in sources]
         for j, a in enumerate(sources):
             y = p.y[b] + b.height * (j + 1) / (len(sources) + 1)
             self.link(a, (x, y), b.first)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Add, Const, Guard, Input, Mul, Param, signals
+from ..core.cycles import Cycle
+from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
 from ..core.program import PARAMS, ROOT, Instance, Program
 
 # inches and points
@@ -217,19 +218,24 @@ class Layout:
 
     # Words -----------------------------------------------------------------------------------------------------------
     def unit(self, i: int) -> str:
-        unit = str(self.program.instances[i].block.dim)
-        return "" if unit == "1" else unit
+        b = self.program.instances[i].block
+        return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
     def text(self, i: int) -> list[str]:
         """Lines in a box: what it is, and its numbers."""
         q = self.program.instances[i]
         b = q.block
-        args = [(n, self.program.instances[a].block) for n, a in zip(signals(type(b)), q.args, strict=True)]
+        args = [(n, self.program.instances[a].block) for n, a in zip(names_of(b), q.args, strict=True)]
         numbers = [_number(n, a) for n, a in args if isinstance(a, Const)]
         if isinstance(b, Guard):
             return [self.names.get(i, "output"), *numbers]
         if isinstance(b, Input):
             return [b.name]
+        if isinstance(b, Pick):
+            return [b.output]
+        if isinstance(b, Cycle):
+            kinds = [m.sign or type(m).__name__ for m in b.members]
+            return ["loop", " ".join(kinds[:6]) + " \u2026" * (len(kinds) > 6)]
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
         if b.sign:
@@ -245,6 +251,11 @@ class Layout:
     def ordered(self, i: int) -> bool:
         """Whether it matters which signal comes in where."""
         return len(self.sources(i)) > 1 and not isinstance(self.program.instances[i].block, Add | Mul)
+
+
+def names_of(b: Block) -> tuple[str, ...]:
+    """Of the signals that come in."""
+    return tuple(f"x{j}" for j in range(b.inputs)) if isinstance(b, Cycle) else signals(type(b))
 
 
 def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:

@@ -1,6 +1,7 @@
 """What researchers compose: one lower-case function per block."""
 
 from ..core.graph import constant, enabled
+from ..core.loops import loop
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .bump import bump
 from .carrier import carrier
@@ -23,7 +24,7 @@ from .tracking import track, track_velocity
 __all__ = [
     "bump", "carrier", "clip", "compliance", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt",
     "compliance_maxwell", "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp",
-    "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "lut", "maximum",
+    "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "loop", "lut", "maximum",
     "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive",
     "slew_limit", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
     "static_limit", "tanh", "track", "track_velocity", "velocity", "where", "white_noise",

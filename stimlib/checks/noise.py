@@ -9,6 +9,7 @@ import numpy as np
 from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, Input, Param, reach, signals
+from ..core.loops import Loop
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..errors import SceneError
@@ -59,7 +60,7 @@ def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.nd
     """The enabled samples of a gated noise once more: its blocks without the gate, inputs in place of the sources."""
     below = reach([t.block.block])
     whites = [b for b in below if b.noise_key]
-    if any(isinstance(b, (Param, Enabled)) for b in below) or any(b.noise_key not in known for b in whites):
+    if any(isinstance(b, (Param, Enabled, Loop)) for b in below) or any(b.noise_key not in known for b in whites):
         return None
     new: dict[int, Block] = {}
     old: dict[int, Block] = {}

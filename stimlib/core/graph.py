@@ -12,7 +12,7 @@ import math
 import operator
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -48,6 +48,9 @@ class Block(Refusals):
 
     p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
 
+    A class with several ``outputs`` names them: its step returns a tuple of samples, its tile fills an array for each, its units
+    are a tuple.  ``block.name`` is the signal; the block runs once, whoever listens.
+
     A ``resettable`` class runs where its last signal, ``contact``, is above 0; elsewhere its output is 0 and its state that of
     ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, 1 after
     contact, and 0 after each step or tile, whatever these return for it.
@@ -56,16 +59,22 @@ class Block(Refusals):
     abstract: ClassVar[bool] = True
     source: ClassVar[str] = ""  # of a class that is not stimlib's: the text of its file
     resettable: ClassVar[bool] = False
+    outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
+    begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
-    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal, |z| = 1
+    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1
 
     def __init_subclass__(cls, abstract: bool = False, **kw):
         super().__init_subclass__(**kw)
         for base in cls.__mro__[1:]:
             if issubclass(base, Block) and not base.abstract:
                 raise TypeError(f"{cls.__name__}: {base.__name__} is final; derive from {base.__mro__[1].__name__} instead")
+        for name in cls.__dict__.get("outputs", ()):
+            if hasattr(cls, name) or name in inspect.get_annotations(cls):
+                raise TypeError(f"{cls.__name__}: the output {name!r} has the name of something else of a block; choose another")
+            setattr(cls, name, property(partial(Pick, output=name)))
         cls.abstract = abstract
         cls.__repr__ = Block.__repr__  # type: ignore[method-assign]  # or dataclass writes one that recurses
         if "." in type_name(cls):
@@ -85,22 +94,33 @@ class Block(Refusals):
             raise undecorated(cls)
         for f in dc.fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
-            value = as_block(value) if f.name in signals(cls) else design_value(f"{cls.__name__}.{f.name}", f.type, value)
+            value = (
+                (value if cls is Pick else as_block(value))
+                if f.name in signals(cls)
+                else design_value(f"{cls.__name__}.{f.name}", f.type, value)
+            )
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
-        object.__setattr__(self, "autonomous", not isinstance(self, Input) and all(c.autonomous for c in kids))
+        object.__setattr__(self, "autonomous", type(self).begins_early and all(c.autonomous for c in kids))
         dim = self.units(*(c.dim for c in kids))
-        if not isinstance(dim, Unit):
+        dims = dim if isinstance(dim, tuple) and self.outputs else (dim,)
+        if not all(isinstance(d, Unit) for d in dims) or len(dims) != max(1, len(self.outputs)):
+            several = f", one for each of {', '.join(self.outputs)} in a tuple" if self.outputs else ""
             raise SceneError(
                 f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a signal (u[0]), or one made by "
-                "stimlib.core.units.unit, such as unit('N')"
+                f"stimlib.core.units.unit, such as unit('N'){several}"
             )
         object.__setattr__(self, "dim", dim)
 
+    @property
+    def definition(self) -> Any:
+        """The class that has the step or the tile, which is its own, but for what a program has put together."""
+        return type(self)
+
     sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
 
-    autonomous: ClassVar[bool]  # no Input reaches it
+    autonomous: ClassVar[bool]  # no Input reaches it, and no loop: it runs before sample 0
     dim: ClassVar[Unit]  # unit of the output
 
     # What a class may define ---------------------------------------------------------------------------------------
@@ -132,7 +152,10 @@ class Block(Refusals):
         return ()
 
     def through(self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
-        """Response behind this block, of signals with responses H or constant values (None: neither); None if it has none."""
+        """Response behind this block, of signals with responses H or constant values (None: neither); None if it has none.
+
+        Of several outputs it is a tuple.
+        """
         given = [v for v in value[1:] if v is not None]
         if H[0] is None or len(given) < len(value) - 1:
             return None  # only the first signal may vary
@@ -226,6 +249,8 @@ def as_block(v: Any) -> Block:
     if isinstance(v, Block):
         if not hasattr(v, "dim"):
             raise undecorated(type(v))
+        if v.outputs:
+            raise SceneError(f"{v!r} has the outputs {', '.join(v.outputs)}: say which one, such as .{v.outputs[0]}")
         return v
     if isinstance(v, np.ndarray) and v.ndim == 0:
         v = v[()]
@@ -336,6 +361,7 @@ class Input(Block):
 
     name: str
     unit: str = ""
+    begins_early = False
 
     def check(self):
         check_name(type(self).__name__, self.name)
@@ -442,6 +468,26 @@ def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> No
         raise error(f"{what} name {name!r:.200} must be letters, digits and underscores")
     if len(name) > 100:
         raise error(f"{what} name {name[:20]!r}.. has {len(name)} letters; at most 100 are possible")
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Pick(Block):
+    """One output of a block that has several: ``block.name`` makes it."""
+
+    block: Block
+    output: str
+
+    def check(self):
+        if not isinstance(self.block, Block) or self.output not in self.block.outputs:
+            raise BadValue(f"{self.block!r:.200} has no output {self.output!r}")
+
+    def units(self, *u):
+        return u[0][self.place]
+
+    @property
+    def place(self) -> int:
+        """Its number among the outputs."""
+        return self.block.outputs.index(self.output)
 
 
 # Arithmetic ----------------------------------------------------------------------------------------------------------
@@ -621,8 +667,9 @@ class Enabled(Block):
     by: Block
 
     def check(self):
-        if not self.block.autonomous:
-            culprit = next(b for b in reach([self.block]) if isinstance(b, Input))
+        below = [] if self.block.autonomous else reach([self.block])
+        culprit = next((b for b in below if isinstance(b, Input)), None)
+        if culprit is not None:
             raise SceneError(
                 f"enabled({self.block!r}) would need the input {culprit.name!r} while it is held; "
                 "enable only what no Input reaches, and multiply after the gate: x * enabled(noise, by=gate)"

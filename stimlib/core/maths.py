@@ -83,6 +83,11 @@ def flush(x):
     return F(0.0) if abs(x) <= SILENT else F(x)
 
 
+def settle(x):
+    """flush, of what a loop keeps: compiled as a branch that is hardly ever taken, so that a recursion does not wait for it."""
+    return flush(x)
+
+
 def as_float(u):
     """uint64 to the nearest float64."""
     return F(u)

@@ -33,6 +33,7 @@ _NUMBER = (
     "render(..) gives its samples; functions of the module math take numbers: use abs, and sqrt, exp, log, sin, cos, tanh of "
     "stimlib.blocks"
 )
+_SIGN = "a sign is where(x > 0, 1.0, -1.0), or (x > 0) - (x < 0), which is 0 at 0; x with a soft sign is tanh(x / width)"
 _PARTS = "it has no length and no parts; the sample before this one is delay(x, samples=1)"
 
 
@@ -101,14 +102,32 @@ def functions() -> dict[str, Callable[..., Any]]:
     return {name: getattr(maps, name) for name in same} | {
         "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv,
         "negative": operator.neg, "positive": operator.pos, "absolute": abs, "fabs": abs, "square": lambda x: x * x,
+        "reciprocal": lambda x: 1.0 / x,
         "greater": operator.gt, "greater_equal": operator.ge, "less": operator.lt, "less_equal": operator.le,
         "equal": operator.eq, "not_equal": operator.ne, "power": operator.pow,
     }  # fmt: skip
 
 
+_THERE = (
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+)
+_THERE = (
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+)
+_INSTEAD = {  # of functions of numpy, what to write
+    **dict.fromkeys(("floor", "ceil", "rint", "trunc"), _ROUND),
+    **dict.fromkeys(("remainder", "fmod", "floor_divide", "divmod", "modf"), _MODULO),
+    **dict.fromkeys(("sign", "copysign", "signbit"), _SIGN),
+    **dict.fromkeys(("logical_and", "logical_or", "logical_not", "bitwise_and", "bitwise_or", "invert"), _LOGIC),
+    **dict.fromkeys(("isnan", "isfinite", "isinf"), "what is not finite ends an output by itself; x != x is 1 where x is nan"),
+    **dict.fromkeys(("log2", "log10"), "log to a base b is log(x) / math.log(b)"),
+    **dict.fromkeys(("exp2", "float_power", "cbrt"), "a ** x, a above 0, is exp(x * math.log(a))"),
+    "expm1": "write exp(x) - 1", "log1p": "write log(1 + x)", "tan": "write sin(x) / cos(x)", "hypot": "write sqrt(a**2 + b**2)",
+    "sinh": "write (exp(x) - exp(-x)) / 2", "cosh": "write (exp(x) + exp(-x)) / 2", "heaviside": "write x > 0",
+}  # fmt: skip
+
+
 def no_numpy(name: str) -> Any:
     """Refuse a function of numpy."""
-    raise BadValue(
-        f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is built; there are + - * / ** abs, "
-        "comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
-    )
+    why = _INSTEAD.get(name, _THERE)
+    raise BadValue(f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is built; {why}")

@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, place
+from ..errors import BadValue, SceneError
 from . import steps
 from . import units as un
 from .bounds import limits
-from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, pack, reach, signals, type_name
+from .cycles import Cycle, closed
+from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, Pick, pack, reach, signals, type_name
+from .loops import Last, Loop, Tap
 
 PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled adds one.
 
@@ -37,7 +39,7 @@ def lead(fs: float) -> int:
 class Instance(NamedTuple):
     """One thing to run on one clock."""
 
-    kind: str  # block | input | const | open | close
+    kind: str  # block | input | const | open | close | pick
     block: Block
     clock: int
     args: tuple[int, ...]  # instance numbers
@@ -70,6 +72,7 @@ class _Graph:
         self.nodes: list[_Node] = []
         self.numbers: dict[Any, int] = {}
         self.removed: dict[str, None] = {}
+        self.bodies: dict[int, int] = {}  # of each Last, the number of what it is the last value of
 
     def number(self, b: Block, kids: tuple[int, ...]) -> int:
         key = (type(b), kids, _numbers(b))
@@ -90,6 +93,8 @@ class _Graph:
 
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
         """Number of a block over rewritten inputs: numbers folded, literal zeros and ones removed."""
+        if isinstance(b, Last | Loop | Tap):
+            return self.feedback(b, kids)
         values = [self.value(k) for k in kids]
         if foldable(b) and kids and None not in values:
             with np.errstate(all="ignore"):
@@ -109,15 +114,35 @@ class _Graph:
                 return self.const(0.0, b)
         return self.number(b, kids)
 
+    def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
+        """Number of a part of a loop: a loop is its body, what it hands out is what is inside."""
+        if isinstance(b, Last):  # two loops have two, equal or not
+            self.nodes.append(_Node(b, ()))
+            return len(self.nodes) - 1
+        if isinstance(b, Loop):
+            body, last = kids
+            if self.bodies.setdefault(last, body) != body:
+                raise SceneError(f"{b!r} and another loop have one last value: make each with loop(..)")
+            return body
+        return kids[1]
+
+    def closed(self, roots: list[int]) -> tuple[_Graph, list[int]]:
+        """The same graph, and its roots, with one block for all nodes of a loop."""
+        new = _Graph()
+        new.removed = self.removed
+        return new, closed(self.nodes, self.bodies, roots, new.number)
+
 
 def _numbers(b: Block) -> tuple[Any, ...]:
     """The design numbers of a block."""
+    if isinstance(b, Cycle):
+        return b.structure(_numbers)
     return tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b)))  # type: ignore[arg-type]
 
 
 def foldable(b: Block) -> bool:
     """Whether a block of numbers is a number at every sample rate: a map whose step needs no design."""
-    return isinstance(b, Map) and type(b).step is not None and type(b).design is Block.design
+    return isinstance(b, Map) and not b.outputs and type(b).step is not None and type(b).design is Block.design
 
 
 def _key(v: Any) -> Any:
@@ -143,10 +168,13 @@ def lower(outputs: dict[str, Block]) -> Program:
     for b in objects:
         number[id(b)] = graph.intern(b, tuple(number[id(c)] for c in b.children))
     roots = [number[id(g)] for g in guards]
+    if graph.bodies or any(isinstance(b, Last) for b in objects):
+        graph, roots = graph.closed(roots)
     copies = _instances(graph, roots)
     limits.check("scene_blocks", copies, "blocks of a scene after each `enabled` has got its own copies", SceneError)
     made, instances, parents = _layout(graph, roots)
-    merged = len(objects) - len({number[id(b)] for b in objects})
+    blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
+    merged = len(blocks) - len({number[id(b)] for b in blocks})
     removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
     noises: dict[str, int] = {}
     for i, q in enumerate(instances):
@@ -161,7 +189,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     text = repr([(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances])
     return Program(
         instances,
-        {name: made["block", number[id(g)], ROOT] for name, g in zip(outputs, guards, strict=True)},
+        {name: made["block", n, ROOT] for name, n in zip(outputs, roots, strict=True)},
         {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Input)},
         {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)},
         noises,
@@ -229,11 +257,14 @@ def _layout(graph: _Graph, roots: list[int]):
             continue
         args = tuple(made[q] for q in need)
         kind = "input" if isinstance(b, Input) else "const" if isinstance(b, Const) else "open" if kind == "open" else \
-            "close" if isinstance(b, Enabled) else "block"  # fmt: skip
-        autonomous = not isinstance(b, (Input, Guard)) and all(instances[a].autonomous for a in args)
+            "close" if isinstance(b, Enabled) else "pick" if isinstance(b, Pick) else "block"  # fmt: skip
+        autonomous = b.begins_early and not isinstance(b, Guard) and all(instances[a].autonomous for a in args)
         made[key] = len(instances)
         instances.append(Instance(kind, b, clock, args, autonomous, child))
         todo.pop()
+    for q in instances:  # a gate with a loop behind it begins with that, at sample 0
+        if q.kind == "close" and not q.autonomous:
+            instances[q.args[0]] = instances[q.args[0]]._replace(autonomous=False)
     return made, instances, parents
 
 
@@ -280,24 +311,11 @@ def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
     """
     used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
     made = []
-    known: Callable[..., None] = steps.check_block
     for q in program.instances:
-        cls = type(q.block)
-        p: Any = ()
-        s: Any = ()
-        if q.kind == "block":
-            try:
-                pair = q.block.design(fs)
-            except Exception as e:
-                if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
-                    raise
-                raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
-            steps.check_design(cls, pair)
-            p, s = pair
-            known(cls, getattr(cls.tile or cls.step, "__code__", None), type(p), type(s))
+        p, s = steps.designed(q.block, fs) if q.kind == "block" else ((), ())
         used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
         limits.check("state_bytes", used, f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz")
-        if q.kind == "block" and cls.__module__.partition(".")[0] != "stimlib":
+        if q.kind == "block" and not steps.ours(type(q.block)):
             steps.rehearse(q.block, p, s)
         made.append((p, s))
     return made

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .graph import Const, Enabled, Map, Param, pack, unpack
-from .program import Program
+from .cycles import Cycle
+from .graph import Block, Const, Enabled, Map, Param, Pick, pack, unpack
+from .program import Instance, Program
 
 
 def backward(z: np.ndarray) -> np.ndarray:
@@ -43,18 +44,53 @@ def _sources(program: Program) -> dict[str, int]:
 def latency(program: Program, design: list[tuple[Any, Any]]) -> dict[tuple[str, str], tuple[float, float]]:
     """(min, max) delay in samples over all paths from each source to each output.
 
-    Along a path the delays of the blocks add up; inside ``enabled`` they count samples of its own clock.
+    Along a path the delays of the blocks add up; inside ``enabled`` they count samples of its own clock.  Around a loop there is
+    no longest path: what counts are those through the fewest last values, each of which is a sample.
     """
     found: dict[tuple[str, str], tuple[float, float]] = {}
+    instances = program.instances
     for source, start in _sources(program).items():
-        span: dict[int, tuple[float, float]] = {start: (0.0, 0.0)}
-        for i, q in enumerate(program.instances):
+        span: dict[int, Any] = {start: (0.0, 0.0)}
+        for i, q in enumerate(instances):
             ways = [span[a] for a in q.args if a in span]
             if ways and i != start:
-                d = q.block.delay(design[i][0]) if q.kind == "block" else 0.0
-                span[i] = min(w[0] for w in ways) + d, max(w[1] for w in ways) + d
+                y = (
+                    span[q.args[0]][q.block.place]
+                    if isinstance(q.block, Pick)
+                    else _span(q, design[i], [span.get(a) for a in q.args])
+                )
+                span |= {} if y is None else {i: y}
         found |= {(name, source): span[i] for name, i in program.outputs.items() if i in span}
     return found
+
+
+Span = tuple[float, float] | None
+
+
+def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
+    """(min, max) delay behind a block, from those of its signals; of several outputs a tuple."""
+    b = q.block
+    if isinstance(b, Cycle):
+        known = {f"x{j}": way for j, way in enumerate(ways) if way}
+        parts = b.made.parts(*design)
+
+        def behind(m: Block, k: int, args: tuple[str, ...]) -> Any:
+            return _behind(m, m.delay(parts[k][0]), [known.get(a) for a in args])
+
+        for _ in range(len(b.ends) + 1):
+            b.walk(known, behind)
+            for j, end in enumerate(b.ends):
+                if end in known:
+                    known.setdefault(f"last{j}", _behind(b, 1.0, [known[end]]))
+        found = tuple(known.get(r) for r in b.results)
+        return found if b.outputs else found[0]
+    return _behind(b, b.delay(design[0]) if q.kind == "block" else 0.0, ways)
+
+
+def _behind(b: Block, delay: float, ways: list[Span]) -> Any:
+    there = [w for w in ways if w]
+    span = (min(w[0] for w in there) + delay, max(w[1] for w in there) + delay) if there else None
+    return (span,) * len(b.outputs) if b.outputs and there and not isinstance(b, Cycle) else span
 
 
 def response(
@@ -82,16 +118,52 @@ def response(
             value[i] = b.value
         elif isinstance(b, Param):
             value[i] = params[b.name]
-        elif isinstance(b, Map) and type(b).step is not None and q.args and all(a in value for a in q.args):
+        elif isinstance(b, Map) and not b.outputs and type(b).step is not None and q.args and all(a in value for a in q.args):
             p, s = (unpack(t, pack(t)) for t in design[i])  # numpy's numbers: a division by 0 is inf
             with np.errstate(all="ignore"):
                 value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
             if isinstance(b, Enabled):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
+            if isinstance(b, Pick):
+                H[i] = H[q.args[0]][b.place]
+                continue
             parts = [H.get(a) for a in q.args]
-            after = b.through(design[i][0], fs, z, parts, [value.get(a) for a in q.args])
+            numbers = [value.get(a) for a in q.args]
+            if isinstance(b, Cycle):
+                after = _around(b, b.made.parts(*design[i]), fs, z, parts, numbers)
+            else:
+                after = b.through(design[i][0], fs, z, parts, numbers)
             if after is None:
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
             H[i] = after
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
+
+
+def _around(b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
+    """Response of a loop: its ends are F + G last, and last is an end over z: (z - G) last = F; None where it is not linear."""
+    numbers = {f"c{j}": c for j, c in enumerate(b.constants)} | {f"x{j}": c for j, c in enumerate(value)}
+    curved = []
+
+    def run(signal: dict[str, Any]) -> list[Any]:
+        def through(m: Block, k: int, args: tuple[str, ...]) -> Any:
+            hs = [signal.get(a) for a in args]
+            y = None if all(h is None for h in hs) else m.through(parts[k][0], fs, z, hs, [numbers.get(a) for a in args])
+            curved.extend([m] if y is None and any(h is not None for h in hs) else [])
+            return y
+
+        b.walk(signal, through)
+        return [np.broadcast_to(signal.get(name, 0.0), z.shape) for name in (*b.ends, *b.results)]
+
+    count = len(b.ends)
+    outer = np.array(run({f"x{j}": h for j, h in enumerate(H) if h is not None}))
+    own = np.array([run({f"last{j}": np.ones_like(z)}) for j in range(count)])  # [last, end or result, frequency]
+    if curved:
+        return None
+    A = z[:, None, None] * np.eye(count) - own[:, :count].transpose(2, 1, 0)
+    try:
+        last = np.linalg.solve(A, outer[:count].T[..., None])[..., 0].T
+    except np.linalg.LinAlgError:
+        raise SceneError(f"{b!r} has no response at one of these frequencies: there it would grow for ever") from None
+    y = outer[count:] + np.einsum("lrf,lf->rf", own[:, count:], last)
+    return tuple(y) if b.outputs else y[0]

@@ -225,7 +225,7 @@ def _check_arguments(target: Any, call: ast.Call, refuse: Callable) -> None:
 
 
 # A whole block ---------------------------------------------------------------------------------------------------------
-def check_design(cls: type, made: Any) -> None:
+def check_design(cls: Any, made: Any) -> None:
     """Raise SceneError unless ``design`` gave parameters and state that every target can keep in flat memory."""
     pair = made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
     for what, t in zip(("parameters", "state"), pair, strict=False):
@@ -236,36 +236,65 @@ def check_design(cls: type, made: Any) -> None:
             if not (v.ndim == 1 and v.dtype.kind in "iuf" if array else isinstance(v, (int, float, np.number))):
                 kind = f"{type(v).__name__}{f' {v.shape} of {v.dtype}' if array else ''}"
                 raise SceneError(
-                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind}; floats, np.uint64 and "  # type: ignore[attr-defined]
+                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind}; floats, np.uint64 and "
                     "arrays of them with one dimension are possible"
                 )
     else:
-        cold = getattr(pair[1], "cold", 1.0) if pair and cls.resettable else 1.0  # type: ignore[attr-defined]
+        cold = getattr(pair[1], "cold", 1.0) if pair and cls.resettable else 1.0
         if isinstance(cold, (np.ndarray, np.uint64)) or not 0 < cold < np.inf:
             raise SceneError(
-                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a resettable block must be a float "  # type: ignore[attr-defined]
+                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a resettable block must be a float "
                 "above 0: write 1.0"
             )
         if pair:
             return
     raise SceneError(
-        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two NamedTuples (or () where there is "  # type: ignore[attr-defined]
+        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two NamedTuples (or () where there is "
         f"nothing to keep), and returned {made!r:.200}"
     )
 
 
+def designed(block: Block, fs: float) -> tuple[Any, Any]:
+    """What the ``design`` of a block gives; SceneError, with file and line, where its author has erred.
+
+    Examples
+    --------
+    >>> from stimlib.core.graph import Input
+    >>> from stimlib.core.steps import designed
+    >>> designed(Input("x") * 2.0, 1000.0)
+    ((), ())
+    """
+    cls = type(block)
+    try:
+        pair = block.design(fs)
+    except Exception as e:
+        if isinstance(e, StimlibError) or ours(cls):
+            raise
+        raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
+    check_design(cls, pair)
+    if block.definition is cls:
+        check_block(cls, getattr(cls.tile or cls.step, "__code__", None), *map(type, pair))
+    return pair
+
+
+def ours(cls: type) -> bool:
+    """Whether a class is the library's."""
+    return cls.__module__.partition(".")[0] == "stimlib"
+
+
 @cache
-def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: type) -> None:
+def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
     """Raise SceneError, with file and line, where a step does not fit its class, or what ``design`` returns.
 
     code is that of the step: a notebook may change it in place.
     """
-    name = "tile" if cls.tile is not None else "step"  # type: ignore[attr-defined]
+    name = "tile" if cls.tile is not None else "step"
     f = getattr(cls, name)
     if f is None:
         raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(signals(cls))})")
-    taken = signals(cls)[:-1] if cls.resettable else signals(cls)  # type: ignore[attr-defined]
-    wanted = ["p", "s", *taken, *(["y"] if name == "tile" else []), *(["w"] if name == "tile" and cls.work else [])]  # type: ignore[attr-defined]
+    taken = signals(cls)[:-1] if cls.resettable else signals(cls)
+    filled = (*(cls.outputs or ["y"]), *(["w"] if cls.work else [])) if name == "tile" else ()
+    wanted = ["p", "s", *taken, *filled]
 
     def refuse(line: int, why: str) -> None:
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
@@ -274,7 +303,7 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
     first = f.__code__.co_firstlineno
     if not isinstance(inspect.getattr_static(cls, name), staticmethod):
         refuse(first, f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})")
-    if cls.resettable and not (signals(cls) and getattr(s_type, "_fields", ())[-1:] == ("cold",)):  # type: ignore[attr-defined]
+    if cls.resettable and not (signals(cls) and getattr(s_type, "_fields", ())[-1:] == ("cold",)):
         refuse(first, "a resettable block has a signal that resets it, the last one, and a state that ends with cold")
     if len(given) != len(wanted):
         refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
@@ -303,13 +332,14 @@ def check_block(cls: type, code: types.CodeType | None, p_type: type, s_type: ty
         if isinstance(v, ast.Call) and not isinstance(_called(v.func, f), (type, types.BuiltinFunctionType)):
             continue  # a helper that may give both
         if name == "step" and not (isinstance(v, ast.Tuple) and len(v.elts) == 2 and not _empty(v.elts[1], s_type)):
-            refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, the sample and {new}")
+            what = f"the samples ({', '.join(cls.outputs)})" if cls.outputs else "the sample"
+            refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, {what} and {new}")
         if name == "tile" and (v is None or _empty(v, s_type)):
-            refuse(getattr(end, "lineno", 1) + offset, f"it must fill y and return {new}")
+            refuse(getattr(end, "lineno", 1) + offset, f"it must fill {', '.join(cls.outputs) or 'y'} and return {new}")
 
 
 def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()) -> tuple[Any, Any]:
-    """One sample of a block in plain Python, and its new state: what a scene means.
+    """One sample of a block in plain Python (a tuple, where it has several outputs), and its new state: what a scene means.
 
     x has one number per signal (not that of a contact), work the scratch of a tile.  SceneError, with file and line, where the
     code of an author raises.
@@ -322,16 +352,16 @@ def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.nda
     >>> float(y), state
     (6.0, ())
     """
-    cls = type(block)
+    cls = block.definition
     try:
         if cls.step is not None:
             y, s = cls.step(p, s, *x)
-            return np.float64(y), s
-        tile = np.empty(1)
-        s = cls.tile(p, s, *(np.array([v]) for v in x), tile, *work)  # type: ignore[misc]
-        return tile[0], s
+            return tuple(np.float64(v) for v in y) if cls.outputs else np.float64(y), s
+        tile = np.empty((max(1, len(cls.outputs)), 1))
+        s = cls.tile(p, s, *(np.array([v]) for v in x), *tile, *work)
+        return tuple(tile[:, 0]) if cls.outputs else tile[0, 0], s
     except Exception as e:
-        if isinstance(e, StimlibError) or cls.__module__.partition(".")[0] == "stimlib":
+        if isinstance(e, StimlibError) or ours(cls):
             raise
         name, f = _what(cls)
         lines = [(t.filename, t.lineno) for t in traceback.extract_tb(e.__traceback__) if not t.filename.startswith(_HERE)]
@@ -340,7 +370,7 @@ def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.nda
         raise SceneError(f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}") from e
 
 
-def _what(cls: type[Block]) -> tuple[str, Any]:
+def _what(cls: Any) -> tuple[str, Any]:
     """What defines a sample."""
     return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
 
@@ -371,8 +401,10 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
         line = (ends and ends[-1]) or f.__code__.co_firstlineno
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
 
-    if not isinstance(y, np.float64):
+    if not all(isinstance(v, np.float64) for v in (y if cls.outputs else (y,))):
         refuse(f"the sample must be one number, and is {y!r:.80}")
+    if cls.outputs and len(y) != len(cls.outputs):
+        refuse(f"it must return {len(cls.outputs)} samples, for {', '.join(cls.outputs)}, and returned {len(y)}")
     if type(new) is not type(s):
         refuse(f"the new state must be {f'the {type(s).__name__}(..) of design' if s else '()'}, and is {new!r:.80}")
     for field, old, v in zip(getattr(s, "_fields", ()), s, new, strict=True):

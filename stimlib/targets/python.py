@@ -25,7 +25,8 @@ class Engine:
         self.p = [unpack(p, pack(p)) for p, _ in design]
         self.s = [unpack(s, pack(s)) for _, s in design]
         blocks = [q.block for q in program.instances]
-        self.work = [np.zeros(b.work(p) if b.work else 0) for b, p in zip(blocks, self.p, strict=True)]
+        works = [b.definition.work for b in blocks]
+        self.work = [np.zeros(work(p) if work else 0) for work, p in zip(works, self.p, strict=True)]
         self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
 
     def copy(self) -> Engine:
@@ -42,11 +43,11 @@ class Engine:
 
         return run
 
-    def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, float]:
+    def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, Any]:
         """Values of all instances at one sample of a clock, and of whatever that enables."""
         on = [False] * len(self.program.parents)
         on[PARAMS] = on[clock] = True
-        v: dict[int, float] = dict(x)
+        v: dict[int, Any] = dict(x)
         for i, q in enumerate(self.program.instances):
             if not on[q.clock] or (warm and not q.autonomous):
                 continue
@@ -56,18 +57,20 @@ class Engine:
                 v[i] = v[q.args[1]] if on[q.child] else np.float64(0.0)
             elif q.kind == "const":
                 v[i] = np.float64(q.block.value)  # type: ignore[attr-defined]
+            elif q.kind == "pick":
+                v[i] = v[q.args[0]][q.block.place]  # type: ignore[attr-defined]
             elif q.kind == "block":
                 v[i] = self.step(i, [v[a] for a in q.args])
         return v
 
-    def step(self, i: int, x: list[float]) -> float:
-        """One sample of one block."""
+    def step(self, i: int, x: list[float]) -> Any:
+        """One sample of one block, or one of each of its outputs."""
         block = self.program.instances[i].block
         if block.resettable and not x.pop() > 0.0:
             if self.s[i].cold == 0.0:
                 self.s[i] = at_rest(self.design[i][1])
-            return np.float64(0.0)
-        scratch = (self.work[i],) if block.work else ()
+            return (np.float64(0.0),) * len(block.outputs) or np.float64(0.0)
+        scratch = (self.work[i],) if block.definition.work else ()
         y, after = sample(block, self.p[i], self.s[i], x, scratch)
         self.s[i] = after._replace(cold=np.float64(0.0)) if block.resettable else after
         return y

@@ -10,7 +10,7 @@ from scipy import stats
 import stimlib
 from stimlib import Input, Scene
 from stimlib.analysis import spectra
-from stimlib.blocks import delay, enabled, springpot, white_noise
+from stimlib.blocks import delay, enabled, loop, pinking, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue
@@ -30,6 +30,15 @@ def test_a_held_hand_passes(place, wobble):
     r = report(squeeze(fingers=1), {"x1": x})
     assert r.passed, str(r)
     assert wobble or "no slope can be fitted" in "".join(r.evidence.skipped)
+
+
+def test_a_loop_behind_a_gate_passes():
+    """It begins at sample 0, the noise that feeds it before that."""
+    x, noise = Input("x", "m"), pinking(white_noise(seed=1), 30.0, 1.0)
+    gated = enabled(loop(lambda last: 0.9 * last + noise, start=5.0), by=x)
+    scene = Scene({"gated": gated, "low": loop(lambda last: last + 0.1 * (gated - last))})
+    r = report(scene, {"x": np.repeat([0.0, 1.0, 0.0], 3000)})
+    assert r.passed and {c.group for c in r.checks} > {"c"}, str(r)
 
 
 def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():

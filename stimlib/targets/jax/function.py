@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.gate import Gate
+from ...core.cycles import Cycle
 from ...core.graph import Block, Compare, Const, Param
 from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of, rate, warn_beyond
 from ...errors import BadValue, SceneError, UnknownName
@@ -192,7 +193,7 @@ class Function:
 
         for i, q in enumerate(instances):
             clock = max(q.clock, ROOT)
-            size = total.get(clock, 0) if q.autonomous else n
+            size = total.get(clock, 0) - (0 if q.autonomous else early)
             if q.kind == "input":
                 value[i] = spread(motion[q.block.name], n)  # type: ignore[attr-defined]
                 continue
@@ -205,8 +206,11 @@ class Function:
             if q.kind == "close":
                 by, inside = opened[q.child], value[q.args[1]]
                 if jnp.ndim(inside):
-                    inside = inside[early + running(by)]
+                    inside = inside[early * instances[q.args[1]].autonomous + running(by)]
                 value[i] = jnp.where(by, inside, 0.0)
+                continue
+            if q.kind == "pick":
+                value[i] = value[q.args[0]][q.block.place]  # type: ignore[attr-defined]
                 continue
             x = []
             for a in q.args:
@@ -305,6 +309,14 @@ def _tail(v: Any, n: int) -> Any:
 
 def _lowering(b: Block) -> Any:
     """A class's own function, or None where its step serves."""
+    if isinstance(b, Cycle):
+        for m in b.members:
+            if m.definition.step is None or type(m).start is not Block.start:
+                raise SceneError(
+                    f"{m!r} is inside a loop, where JAX runs steps, and has only a tile, or a start of its own; "
+                    "move it out of the loop"
+                )
+        return None
     for c in type(b).__mro__:
         if c in LOWERINGS:
             return LOWERINGS[c]
@@ -325,5 +337,6 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
     elif b.resettable:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
-    y = run_step(type(b).step, p, s, x[:-1] if b.resettable else x, run.n, contact)  # type: ignore[arg-type]
-    return y if jnp.ndim(y) or not len(s) else spread(y, run.n)
+    y = run_step(b.definition.step, p, s, x[:-1] if b.resettable else x, run.n, contact)
+    full = [v if jnp.ndim(v) or not len(s) else spread(v, run.n) for v in (y if b.outputs else (y,))]
+    return tuple(full) if b.outputs else full[0]

@@ -85,13 +85,15 @@ def _resettable(f: Callable, first: Any) -> Callable:
         s = type(first)(*(jnp.where(on, a, b) for a, b in zip(s, rest, strict=True)))  # or a NaN would enter derivatives
         y, after = f(p, s, *(jnp.where(on, v, 0.0) for v in x[:-2]))
         after = after._replace(cold=0.0)
-        return jnp.where(on, y, 0.0), type(first)(*(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True)))
+        return jax.tree.map(lambda v: jnp.where(on, v, 0.0), y), type(first)(
+            *(jnp.where(on, a, b) for a, b in zip(after, rest, strict=True))
+        )
 
     return step
 
 
 def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
-    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them.
+    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them; a tuple of several.
 
     first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a resettable block: where it runs, and ``cold``
     where it does not.
@@ -102,7 +104,9 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
     if not len(first):
         return traced.run(lambda *x: f(p, (), *x)[0], *x)
     if any(np.ndim(v) for v in first):
-        raise SceneError(f"{step.__qualname__} keeps an array as state: it needs a lowering of its own for JAX")
+        if step.__module__ is not None:
+            raise SceneError(f"{step.__qualname__} keeps an array as state: it needs a lowering of its own for JAX")
+        return _scan_arrays(f, p, first, x, n)
     make = type(first)
     s0 = [jnp.asarray(v) for v in first]
 
@@ -137,6 +141,35 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
         for j, v in zip(group, series, strict=True):
             s[j] = v
     return traced.run(lambda s, x: f(p, make(*s), *x)[0], s, x)
+
+
+class Line:
+    """An array of a state, which a step may write into."""
+
+    def __init__(self, a: Any):
+        self.a, self.size = a, a.size
+
+    def __getitem__(self, i: Any) -> Any:
+        return lax.dynamic_index_in_dim(self.a, i, keepdims=False)
+
+    def __setitem__(self, i: Any, v: Any) -> None:
+        self.a = lax.dynamic_update_index_in_dim(self.a, jnp.asarray(v, self.a.dtype), i, 0)  # at[i].set would take 1 us
+
+
+def _scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
+    """A step whose state has arrays, sample by sample: a loop with a delay in it."""
+    make = type(first)
+    s0 = [jnp.asarray(v) for v in first]
+    moving = [j for j, v in enumerate(x) if jnp.ndim(v)]
+
+    def one(s: list[Any], row: list[Any]) -> Any:
+        here = list(x)
+        for j, v in zip(moving, row, strict=True):
+            here[j] = v
+        y, new = f(p, make(*(Line(v) if jnp.ndim(v) else v for v in s)), *here)
+        return [jnp.asarray(v.a if isinstance(v, Line) else v).astype(o.dtype) for v, o in zip(new, s0, strict=True)], y
+
+    return lax.scan(lambda s, row: tuple(traced.run(one, s, row)), s0, [x[j] for j in moving], length=n)[1]
 
 
 def _later(first: Any, new: Any, n: int) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from ...blocks.modes import PinkNoise
 from ...blocks.noise import White
 from ...core import steps
-from ...core.graph import Block, Map, Param, at_rest, pack
+from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from . import lanes
 from .cache import load
@@ -78,6 +78,8 @@ class Engine:
         def arg(i: int, clock: int) -> int:
             """Slot of an argument; a parameter is first gathered onto a child clock."""
             q = instances[i]
+            if q.kind == "pick":
+                return slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
             if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
                 return place(i)
             if (i, clock) not in slot:
@@ -90,13 +92,21 @@ class Engine:
             p_at += words.size + sum(v.size for v in payload)
             return p_at - words.size - sum(v.size for v in payload)
 
+        def places(i: int) -> list[int]:
+            """Slots of a block's outputs, one after the other."""
+            names = instances[i].block.outputs
+            return [place(("output", i, j)) for j in range(len(names))] if names else [place(i)]
+
+        listened = {(q.args[0], q.block.place) for q in instances if q.kind == "pick"}  # type: ignore[attr-defined]
         for i, q in enumerate(instances):
             if q.kind == "const":
                 constants.append((place(i), q.block.value))  # type: ignore[attr-defined]
         for together in _order(program, design):
             i = together[0]
             q = instances[i]
-            cls = type(q.block)
+            cls = q.block.definition
+            if q.kind == "pick":
+                continue
             if q.kind == "open":
                 row(machine.OPEN, i, [arg(q.args[0], q.clock), q.child])
             elif q.kind == "close":
@@ -112,24 +122,28 @@ class Engine:
                 resets = contact is not None and not _always(contact)
                 count = len(q.args) - cls.resettable
                 code = f.__code__, () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
-                compiled = segment(cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together))
+                read = tuple((i, j) in listened for j in range(len(cls.outputs))) or (True,)
+                compiled = segment(cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together), read)
                 address, words, at = compiled._sl_segment.address, [], []
                 for k in together:
                     self.segments[k] = compiled.__name__
                     p, s = design[k]
                     sizes = [v.size for v in s if isinstance(v, np.ndarray)]
-                    words += [*(arg(a, q.clock) for a in instances[k].args[:count]), place(k)]
-                    if q.block.work:
-                        sizes.append(q.block.work(p))
+                    words += [*(arg(a, q.clock) for a in instances[k].args[:count]), *places(k)]
+                    if cls.work:
+                        sizes.append(cls.work(p))
                         scratch = max(scratch, sizes[-1])
                     numbers, payload = _parameter_words(p, sizes)
                     at.append(parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])]))
                 words += [w for k, p_of in zip(together[1:], at[1:], strict=True) for w in (p_of - at[0], state[k] - state[i])]
                 if resets:
                     rest = pack(at_rest(s))
-                    words = [arg(q.args[-1], q.clock), place(i), p_at - at[0] - rest.size, rest.size, address, *words]
+                    outs = places(i)
+                    words = [
+                        arg(q.args[-1], q.clock), outs[0], len(outs), p_at - at[0] - rest.size, rest.size, address, *words
+                    ]  # fmt: skip
                     address = machine.RESETTABLE
-                if q.block.work:
+                if cls.work:
                     work_slots.append(len(A) + len(words))
                     words.append(-1)
                 row(address, i, words, at[0], stands=still[i])
@@ -274,8 +288,8 @@ def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
     """What is one number as long as no parameter moves: those, and maps of them."""
     still: list[bool] = []
     for q, (_, s) in zip(program.instances, design, strict=True):
-        of_them = q.kind == "block" and not s and bool(q.args) and all(still[a] for a in q.args)
-        still.append(q.kind == "const" or isinstance(q.block, Param) or (of_them and isinstance(q.block, Map)))
+        of_them = q.kind in ("block", "pick") and not s and bool(q.args) and all(still[a] for a in q.args)
+        still.append(q.kind == "const" or isinstance(q.block, Param) or (of_them and isinstance(q.block, Map | Pick)))
     return still
 
 
@@ -328,8 +342,8 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
     """What two instances have in common that can step side by side; None where one cannot."""
     q, (p, s) = program.instances[i], design[i]
-    cls = type(q.block)
-    alone = q.kind != "block" or cls.tile or not s or any(isinstance(v, np.ndarray) for v in s)
+    cls = q.block.definition
+    alone = q.kind != "block" or cls.tile or cls.outputs or not s or any(isinstance(v, np.ndarray) for v in s)
     if alone or (cls.resettable and not _always(program.instances[q.args[-1]])):
         return None
     return cls, type(p), kinds(p), type(s), kinds(s), q.clock, q.autonomous

@@ -64,6 +64,25 @@ def flush(x):
     return where(abs(x) <= SILENT, 0.0, x)
 
 
+@intrinsic
+def settle(ctx, x):
+    """flush as a branch: a comparison and a choice would lengthen the recursion."""
+
+    def code(c, b, s, v):
+        size = b.call(b.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [v[0]])
+        start, rare, done = b.basic_block, b.append_basic_block("silent"), b.append_basic_block("settled")
+        b.cbranch(b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT)), rare, done).set_weights([1, 1000000])
+        b.position_at_end(rare)
+        b.branch(done)
+        b.position_at_end(done)
+        y = b.phi(DOUBLE)
+        y.add_incoming(v[0], start)
+        y.add_incoming(ir.Constant(DOUBLE, 0.0), rare)
+        return y
+
+    return f8(f8), code
+
+
 # memory --------------------------------------------------------------------------------------------------------------
 @intrinsic
 def at(ctx, p, o):

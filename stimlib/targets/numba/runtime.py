@@ -71,8 +71,10 @@ def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
 
 
 @njit(error_model="numpy", inline="always")
-def stretches(P, S, W, w, k):  # w = (contact, output, state at rest in P, its words, segment, the segment's own ..)
-    by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[3] - 1)
+def stretches(
+    P, S, W, w, k
+):  # w = (contact, first output, outputs, state at rest in P, its words, segment, the segment's own ..)
+    by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
     start, n = 0, 0
     for i in range(k):
         n += by[i] > 0.0
@@ -80,12 +82,13 @@ def stretches(P, S, W, w, k):  # w = (contact, output, state at rest in P, its w
         on = by[i] > 0.0
         if i + 1 == k or on != (by[i + 1] > 0.0):
             if on:
-                call(w[4], P, S, at(W, start), at(w, 5), i + 1 - start)
+                call(w[5], P, S, at(W, start), at(w, 6), i + 1 - start)
             else:
-                for j in range(start, i + 1):
-                    y[j] = 0.0
+                for o in range(w[2]):
+                    for j in range(64 * o + start, 64 * o + i + 1):
+                        y[j] = 0.0
                 if cold[0] == 0.0:
-                    move(S, at(P, w[2]), w[3])
+                    move(S, at(P, w[3]), w[4])
             start = i + 1
 
 

@@ -6,6 +6,7 @@ segment.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import types
@@ -29,15 +30,19 @@ from stimlib.targets.numba import lanes as _sl_lanes, native as _sl
 
 def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
     """Text of a function under a name, after that of every helper, constant and NamedTuple it uses."""
+    renamed: dict[str, str] = {}
     for n, v in steps.names(f).items():
+        if n in done and not _same(done[n], v):  # another helper's: this one gets a name of its own
+            renamed[n] = n = f"_sl_{n}_{len(done)}"
         if n in done:
-            if done[n] is not v and not (isinstance(v, (int, float)) and type(done[n]) is type(v) and repr(done[n]) == repr(v)):
-                raise SceneError(f"{f.__qualname__}: {n!r} means different things in its helpers; rename one")
             continue
+        twin = next((m for m, u in done.items() if u is v), None) if hasattr(v, "_fields") else None
         done[n] = v
         if v is abs or v is range:
             continue
-        if v is np:
+        if twin:  # one type to numba too
+            out.append(f"{n} = {twin}")
+        elif v is np:
             out.append(f"import numpy as {n}")
         elif v is maths:
             out.append(f"{n} = _sl")
@@ -59,8 +64,23 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
                 f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level numbers, NamedTuples and helper "
                 "functions; put arrays into the parameters that design(fs) returns"
             )
-    text = re.sub(r"^def \w+", f"def {name}", steps.source(f))
+    text = re.sub(r"^def \w+", f"def {name}", _with_names(steps.source(f), renamed))
     out.append(f'@_sl_njit(error_model="numpy", inline="always")\n{text}')
+
+
+def _same(a: Any, b: Any) -> bool:
+    return a is b or (isinstance(b, (int, float)) and type(a) is type(b) and repr(a) == repr(b))
+
+
+def _with_names(text: str, names: dict[str, str]) -> str:
+    """A function's text with other names for some globals."""
+    if not names:
+        return text
+    tree = ast.parse(text)
+    for v in ast.walk(tree):
+        if isinstance(v, ast.Name):
+            v.id = names.get(v.id, v.id)
+    return ast.unparse(tree) + "\n"
 
 
 def _tuple_text(name: str, t: type) -> str:
@@ -68,9 +88,15 @@ def _tuple_text(name: str, t: type) -> str:
 
 
 @memo
-def segment(cls: type, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1):
-    """The segment of a block class whose parameters and states have these kinds of fields, or that of two blocks side by side."""
-    f = cls.tile or cls.step  # type: ignore[attr-defined]
+def segment(
+    cls: Any, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1,
+    read: tuple[bool, ...] = (True,),
+):  # fmt: skip
+    """The segment of a block class whose parameters and states have these kinds of fields, or that of two blocks side by side.
+
+    read: of each output, whether anybody listens; a step's others are neither stored nor, for that, computed.
+    """
+    f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
     out: list[str] = [_HEAD]
     done: dict[str, Any] = {}
@@ -83,19 +109,22 @@ def segment(cls: type, code: Any, p_type: type, p_kinds: str, s_type: type, s_ki
             out.append(f"{ours} = {theirs}" if theirs else _tuple_text(ours, t))
     lines: list[str] = []
     after: list[str] = []
-    blocks = [_one_of(c, p_kinds, s_kinds, s_type, inputs, bool(cls.tile and cls.work), lines, after) for c in range(copies)]  # type: ignore[attr-defined]
+    y = [f"y_{name}" for name in cls.outputs] or ["y"]
+    blocks = [_one_of(c, p_kinds, s_kinds, s_type, inputs, y, bool(cls.tile and cls.work), lines, after) for c in range(copies)]
     warm = [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"] if cls.resettable else []  # type: ignore[attr-defined]
-    if cls.tile:  # type: ignore[attr-defined]
-        scratch = ["w"] if cls.work else []  # type: ignore[attr-defined]
-        lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), 'y', *scratch])})", *warm]
-    elif inputs and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.in_vectors(f, p_type, p_kinds, inputs):
+    if cls.tile:
+        scratch = ["w"] if cls.work else []
+        lines += [f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), *y, *scratch])})", *warm]
+    elif inputs and y == ["y"] and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.in_vectors(f, p_type, p_kinds, inputs):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
         lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
     else:
         lines.append("for i in range(n):")
         for c in blocks:
             x = "".join(f", x{j}{c}[i]" for j in range(inputs))
-            sample = [f"y{c}[i], s{c} = _sl_block(p{c}, s{c}{x})", *(re.sub(r"\bs\b", f"s{c}", text) for text in warm)]
+            samples = [f"{name}{c}[i]" if listened else "_sl_unread" for name, listened in zip(y, read, strict=True)]
+            made = f"({', '.join(samples)})" if cls.outputs else samples[0]
+            sample = [f"{made}, s{c} = _sl_block(p{c}, s{c}{x})", *(re.sub(r"\bs\b", f"s{c}", text) for text in warm)]
             lines += ["    " + text for text in sample]
     body = "\n".join("    " + text for text in [*lines, *after])
     out.append(f'@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A, n):\n{body}\n')
@@ -105,18 +134,18 @@ def segment(cls: type, code: Any, p_type: type, p_kinds: str, s_type: type, s_ki
     except SceneError as e:  # of lanes
         raise SceneError(f"{place(f)}{cls.__name__}.tile: {e}") from None
     except (numba.core.errors.NumbaError, TypeError) as e:
-        name = "tile" if f is cls.tile else "step"  # type: ignore[attr-defined]
+        name = "tile" if f is cls.tile else "step"
         raise SceneError(f"{_line(e, text, f)}{cls.__name__}.{name}: it does not compile: {_said(e)}") from e
 
 
 def _one_of(
-    c: int, p_kinds: str, s_kinds: str, s_type: type, inputs: int, scratch: bool, before: list[str], after: list[str]
+    c: int, p_kinds: str, s_kinds: str, s_type: type, inputs: int, ys: list[str], scratch: bool, before: list[str], end: list[str]
 ) -> str:
     """Text that takes a block's numbers from the tables and keeps its state; what its names end with comes back.
 
     A second block's words and state lie some words further on, as A tells.
     """
-    name, place = str(c or ""), c * (inputs + 1)
+    name, place = str(c or ""), c * (inputs + len(ys))
     if c:
         before += [f"P{c} = _sl.at(P, A[{2 * place}])", f"S{c} = _sl.at(S, A[{2 * place + 1}])"]
     before += [f"C{name} = _sl.as_u8(P{name})", f"Z{name} = _sl.as_u8(S{name})"]
@@ -128,24 +157,24 @@ def _one_of(
         else:
             p_args.append(f"{'C' if k == 'u' else 'P'}{name}[{at}]")
         at += 2 if k in "FU" else 1
-    s_args, end = [], "0"
+    s_args, at_s = [], "0"
     for k, field in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
         memory = f"{'Z' if k in 'uU' else 'S'}{name}"
         if k in "FU":
             before.append(f"z{name}_{field} = _sl_np.int64(C{name}[{at}])")
-            s_args.append(f"_sl_carray(_sl.at({memory}, {end}), z{name}_{field})")
-            end += f" + z{name}_{field}"
+            s_args.append(f"_sl_carray(_sl.at({memory}, {at_s}), z{name}_{field})")
+            at_s += f" + z{name}_{field}"
             at += 1
         else:
-            s_args.append(f"{memory}[{end}]")
-            after.append(f"{memory}[{end}] = s{name}.{field}")
-            end += " + 1"
+            s_args.append(f"{memory}[{at_s}]")
+            end.append(f"{memory}[{at_s}] = s{name}.{field}")
+            at_s += " + 1"
     before.append(f"p{name} = _sl_P({', '.join(p_args)})" if p_kinds else f"p{name} = ()")
     before.append(f"s{name} = _sl_S({', '.join(s_args)})" if s_kinds else f"s{name} = ()")
     before += [f"x{j}{name} = _sl_carray(_sl.at(W, A[{place + j}]), n)" for j in range(inputs)]
-    before.append(f"y{name} = _sl_carray(_sl.at(W, A[{place + inputs}]), n)")
+    before += [f"{out}{name} = _sl_carray(_sl.at(W, A[{place + inputs + j}]), n)" for j, out in enumerate(ys)]
     if scratch:
-        before.append(f"w = _sl_carray(_sl.at(W, A[{inputs + 1}]), _sl_np.int64(C[{at}]))")
+        before.append(f"w = _sl_carray(_sl.at(W, A[{inputs + len(ys)}]), _sl_np.int64(C[{at}]))")
     return name
 
 

@@ -1,0 +1,111 @@
+"""Feedback: an expression that may use its own value of one sample ago."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import BadValue, UnitError
+from .graph import Block, Const, as_block, design_value
+from .units import Unit, unit
+
+# The name of a parameter below hides that of the function that makes one.
+_unit: Callable[[str], Unit] = unit
+
+
+@dataclass(frozen=True, eq=False)
+class Last(Block):
+    """The value of a loop one sample ago, and ``first`` at its first sample; it belongs to one ``Loop``."""
+
+    first: float
+    unit: str = ""
+    sign = "last"
+    begins_early = False
+
+    def units(self, *u):
+        return _unit(self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Loop(Block):
+    """What a body makes of its last value; see ``loop``."""
+
+    body: Block
+    last: Block
+
+    def check(self):
+        if not isinstance(self.last, Last):
+            raise BadValue(f"a loop needs its Last, not {self.last!r}")
+
+    def units(self, *u):
+        if u[0] != u[1] and not (isinstance(self.body, Const) and self.body.value == 0):
+            raise UnitError(f'loop: of its last value in [{u[1]}] it makes {self.body!r} in [{u[0]}]; give unit="{u[0]}"')
+        return u[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Tap(Block):
+    """Another signal out of a loop, which keeps the loop with it."""
+
+    loop: Block
+    inner: Block
+
+    def check(self):
+        if not isinstance(self.loop, Loop):
+            raise BadValue(f"a tap needs its Loop, not {self.loop!r}")
+
+    def units(self, *u):
+        return u[1]
+
+
+def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
+    """A signal that uses its own value of one sample ago: y[n] = f(y[n-1], other signals).
+
+    Parameters
+    ----------
+    f : callable
+        Called once, with the signal's last value.  Returns the signal, or a tuple: the signal, and other signals from inside.
+    start : float
+        y[-1], in the unit.  A loop begins at sample 0, whatever is in it.
+    unit : str
+        Of the signal, coherent SI.
+
+    Returns
+    -------
+    Block, or tuple of Block
+        What f returned.
+
+    Raises
+    ------
+    UnitError
+        If f makes another unit of the last value: y[n] and y[n-1] are one signal.
+    BadValue
+        If f returns no block, or nothing; if start is not a finite number.
+    SceneError
+        In ``Scene``: an ``enabled`` that depends on the last value; the last value where its loop is not.
+
+    Notes
+    -----
+    What is on the way from the last value to the signal runs sample by sample, as one block: a sum of a hundred taps is slower
+    there than outside.  All else stays outside.  A value fed back that has decayed to 1e-190 is 0 from then on.
+
+    Examples
+    --------
+    A low-pass of one pole:
+
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import loop
+    >>> x = stimlib.Input("x")
+    >>> y = loop(lambda last: last + 0.5 * (x - last))
+    >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(np.ones((1, 4)))
+    array([[0.5   , 0.75  , 0.875 , 0.9375]])
+    """
+    last = Last(design_value("loop: start", "float", start), unit)
+    made = f(last)
+    if not isinstance(made, tuple):
+        return Loop(as_block(made), last)
+    if not made:
+        raise BadValue("loop: the function returned no signal")
+    whole = Loop(as_block(made[0]), last)
+    return whole, *(Tap(whole, as_block(v)) for v in made[1:])

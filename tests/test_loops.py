@@ -1,0 +1,330 @@
+"""Loops: the same recursion by hand, every target and cut, files, response, latency, and what is refused."""
+
+import json
+import linecache
+import os
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from laws import assert_same, impulse_response, rows, run
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib import blocks as b
+from stimlib.blocks import loop
+from stimlib.core.cycles import Cycle
+from stimlib.core.graph import Block, reach
+from stimlib.core.loops import Last, Loop, Tap
+from stimlib.core.maths import cos, sin
+from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
+
+x, c, k = Input("x"), Input("c"), Param("k", 0.1)
+FS, N = 1000.0, 200
+GAIN = 0.75  # a helper's, and of another value in a module of the library's own
+
+
+def bent(x):
+    return GAIN * sin(x)
+
+
+class Turned(NamedTuple):
+    a: float
+
+
+@dataclass(frozen=True, eq=False)
+class Turn(Block):
+    """A block of a user's own with two outputs, a state and a helper."""
+
+    outputs = ("near", "far")
+    x: Block
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    def design(self, fs):
+        return Turned(0.1), Turned(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        a = s.a + p.a * x
+        return (bent(a), cos(a)), Turned(0.9 * a)
+
+
+@dataclass(frozen=True, eq=False)
+class Halves(Block):
+    """A tile with two outputs, which two loops around it need."""
+
+    outputs = ("low", "high")
+    x: Block
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    @staticmethod
+    def tile(p, s, x, low, high):
+        for i in range(x.size):
+            low[i] = 0.5 * x[i]
+            high[i] = 0.75 * x[i]
+        return s
+
+
+def pendulum():
+    """Two values that feed back, the inner one handed out."""
+
+    def move(v):
+        a = loop(lambda a: a + 0.01 * v, start=0.5)
+        return v - 0.01 * b.sin(a) + 0.001 * x, a
+
+    v, a = loop(move)
+    return {"v": v, "a": a}
+
+
+def taps(a):
+    z, dz = loop(lambda z: (0.9 * z + a, z - a))
+    return 0.5 * a + 0.1 * (x - dz), 2.0 * z, 3.0 * a
+
+
+def named(names, signals):
+    return dict(zip(names, signals, strict=True))
+
+
+CASES = {
+    "low-pass": lambda: {"y": loop(lambda y: y + k * (x - y))},
+    "start": lambda: {"y": loop(lambda y: 0.9 * y + 0.0 * x, start=5.0)},
+    "comb": lambda: {"y": loop(lambda y: x + 0.5 * b.delay(y, 10))},
+    "two poles": lambda: {"y": loop(lambda y: x + 1.6 * y - 0.8 * b.delay(y, 1))},
+    "nested": lambda: {"y": loop(lambda y: x + 0.5 * loop(lambda z: z + 0.1 * (y - z)))},
+    "two": lambda: {"y": loop(lambda y: 0.9 * y + x) + loop(lambda y: 0.8 * y + loop(lambda z: 0.9 * z + x))},
+    "no feedback": lambda: {"y": loop(lambda y: 2.0 * x), "z": loop(lambda y: (x, y))[1], "w": x + loop(lambda y: y, start=2.0)},
+    "gate": lambda: {"y": loop(lambda y: y + 0.1 * (x - b.loading(y, 0.3, 0.1)))},
+    "fir": lambda: {"y": loop(lambda y: x - 0.5 * b.fir(y, [0.3, 0.2, 0.1]))},
+    "tiles in a nest": lambda: {
+        "y": loop(lambda y: x + 0.5 * b.loading(loop(lambda z: z + 0.1 * (y - b.fir(z, [1, 1]))), 0.3, 0.1))
+    },
+    "velocity": lambda: {"y": loop(lambda y: y + 0.1 * (x - y) - 1e-5 * b.velocity(y, 50.0) * constant(1.0, "s"))},
+    "contact": lambda: {"y": loop(lambda y: 0.9 * y + x - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s"))},
+    "contact beside a tile": lambda: {
+        "y": loop(lambda y: x + 0.1 * b.fir(y, [0.3, 0.2]) - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s"))
+    },
+    "table": lambda: {"y": loop(lambda y: 0.5 * y + b.lut(y + x, [-1.0, 0.0, 2.0], [0.3, 0.0, 1.0]))},
+    "carrier": lambda: {"y": loop(lambda y: x + 0.5 * b.carrier(constant(20.0, "Hz") * (5.0 + b.tanh(y))))},
+    "noise": lambda: {"y": loop(lambda y: 0.9 * y + b.white_noise(1)) + 0.0 * x},
+    "enabled": lambda: {"y": b.enabled(loop(lambda y: 0.9 * y + b.white_noise(1)), by=x)},
+    "enabled by noise": lambda: {"y": x + b.enabled(loop(lambda y: 0.9 * y + b.white_noise(1)), by=b.white_noise(2))},
+    "taps": lambda: named("yzw", loop(taps)),
+    "pendulum": pendulum,
+    "outputs": lambda: {"y": loop(lambda y: 0.5 * Turn(x + y).near + 0.1 * Turn(x + y).far)},
+    "outputs of a tile": lambda: {"y": loop(lambda y: x - 0.3 * Halves(y).low - 0.1 * Halves(y).high)},
+    "an output of a loop": lambda: {"y": Turn(loop(lambda y: 0.5 * y + x)).far},
+}
+JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}  # the table and generated graphs have others
+TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
+
+
+def scene_of(outputs):
+    scene = Scene.from_dict(json.loads(json.dumps(Scene(outputs).to_dict())))
+    assert scene.hash == Scene(outputs).hash
+    return scene
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_target_every_cut(name):
+    outputs = CASES[name]()
+    scene = scene_of(outputs)
+    fast, slow = (stimlib.compile(scene, FS, t) for t in ("numba", "python"))
+    u = np.random.default_rng(1).standard_normal((len(fast.inputs), N))
+    y = fast.process(u)
+    assert np.any(y)
+    assert_same(slow.process(u), y)
+    for size in (1, 7, 64):
+        fast.reset()
+        assert_same(run(fast, u, range(0, N, size)), y)
+        assert_same(slow.state, fast.state)
+    for out, wanted in zip(outputs, y, strict=True):
+        alone = stimlib.compile(Scene({out: outputs[out]}), FS)
+        assert_same(alone.process(rows(alone, u, list(fast.inputs)))[0], wanted, f"{out} alone")
+    if name in TILES:
+        with pytest.raises(SceneError, match=r"\(.*\) is inside a loop, where JAX runs steps"):
+            stimlib.compile(scene, FS, target="jax")
+    elif name in JAX or "STIMLIB_STRESS" in os.environ:
+        z = stimlib.compile(scene, FS, target="jax")({}, u)
+        for row, out in zip(y, fast.outputs, strict=True):
+            np.testing.assert_allclose(z[out], row, rtol=1e-9, atol=1e-9)
+
+
+def test_the_same_samples_as_by_hand():
+    u = np.random.default_rng(2).standard_normal((1, N))
+    low = stimlib.compile(Scene({"y": loop(lambda y: y + 0.1 * (x - y), start=0.5)}), FS).process(u)[0]
+    comb = stimlib.compile(Scene({"y": loop(lambda y: x - 0.25 * b.delay(y, 2))}), FS).process(u)[0]
+    last, line = np.float64(0.5), [0.0] * 3
+    for n, v in enumerate(u[0]):
+        last = last + 0.1 * (v - last)
+        assert low[n] == last
+        line = [v - 0.25 * line[2], *line[:2]]  # the last value, two samples later
+        assert comb[n] == line[0]
+    swing = stimlib.compile(Scene(pendulum()), FS).process(u)
+    v, a = 0.0, 0.5
+    for n in range(N):
+        a, v = a + 0.01 * v, v - 0.01 * np.sin(a + 0.01 * v) + 0.001 * u[0, n]
+        np.testing.assert_allclose(swing[:, n], [v, a], rtol=1e-12)
+
+
+def test_a_loop_begins_at_sample_0_whatever_is_in_it():
+    count = loop(lambda n: n + 1.0)
+    proc = stimlib.compile(Scene({"n": count, "noisy": count + 0.0 * b.white_noise(1)}), FS)
+    np.testing.assert_array_equal(proc.process(np.empty((0, 3))), [[1, 2, 3]] * 2)
+    for gate in (x, b.white_noise(2)):
+        proc = stimlib.compile(Scene({"n": b.enabled(count, by=gate), "g": gate + 0.0 * x}), FS)
+        n, g = proc.process(np.random.default_rng(3).standard_normal((1, N)))
+        np.testing.assert_array_equal(n[g > 0], np.arange(1, (g > 0).sum() + 1))
+
+
+def test_what_does_not_depend_on_a_loop_stays_outside():
+    y = loop(lambda y: y + 0.1 * (b.fir(x, [1.0, 2.0]) - y))
+    program = stimlib.compile(Scene({"y": b.tanh(y)}), FS, "python").program
+    kinds = [type(q.block).__name__ for q in program.instances]
+    assert kinds == ["Input", "Taps", "Cycle", "Tanh", "Guard"]
+    (cycle,) = (q.block for q in program.instances if isinstance(q.block, Cycle))
+    assert sorted(type(m).__name__ for m in cycle.members) == ["Add", "Mul", "Sub"]
+
+
+def test_equal_loops_run_once_and_other_numbers_share_a_segment():
+    def make(gain=0.1):
+        return loop(lambda y: y + gain * (x - y))
+
+    proc = stimlib.compile(Scene({"y": make() * make(), "z": make(0.3), "w": loop(lambda y: y + 0.1 * (x - y), start=1.0)}), FS)
+    cycles = [r for r in proc.plan.rows if "Cycle" in r.block]
+    assert len(cycles) == 3 and len({r.segment.rpartition("_")[0] for r in cycles}) == 1
+
+
+def test_silence_is_reached():
+    proc = stimlib.compile(Scene({"y": loop(lambda y: 0.5 * y + x)}), FS)
+    proc.process(np.ones((1, 5)))
+    assert 1e-300 < np.abs(proc.process(np.zeros((1, 625)))[0, -1]) < 1e-180
+    proc.process(np.zeros((1, 20)))
+    assert not proc.state[2:].view(np.float64)[:1].any()
+
+
+def test_two_rates_of_one_scene():
+    scene = Scene({"y": loop(lambda y: x - 0.1 * b.first_order(y, 0.01))})
+    one, other = stimlib.compile(scene, 1000.0), stimlib.compile(scene, 8000.0)
+    f = np.array([10.0, 100.0])
+    for proc in (one, other, stimlib.compile(scene, 1000.0, "python")):
+        n = 1 << 14
+        got = np.fft.rfft(impulse_response(proc, "y", "x", n))[np.round(f * n / proc.fs).astype(int)]
+        np.testing.assert_allclose(proc.response("y", "x", np.round(f * n / proc.fs) * proc.fs / n), got, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["low-pass", "comb", "two poles", "nested", "fir", "taps", "velocity"])
+def test_response(name):
+    proc = stimlib.compile(Scene(CASES[name]()), FS)
+    n = 1 << 12
+    for out in proc.outputs:
+        proc.reset()
+        got = np.fft.rfft(impulse_response(proc, out, "x", n))
+        np.testing.assert_allclose(proc.response(out, "x", np.fft.rfftfreq(n, 1 / FS)), got, atol=1e-11 * np.abs(got).max())
+
+
+def test_what_has_no_response_says_so():
+    for block, why in ((loop(lambda y: x + y * y), "not linear"), (loop(lambda y: y + x), "grow for ever")):
+        proc = stimlib.compile(Scene({"y": block}), FS, "python")
+        with pytest.raises(SceneError, match=f"Cycle.*{why}"):
+            proc.response("y", "x", [0.0])
+
+
+def test_latency():
+    late = loop(lambda y: b.delay(x, 3) - 0.5 * b.delay(y, 7))
+    proc = stimlib.compile(
+        Scene({"y": late, "in": loop(lambda y: b.delay(y + x, 4) + x), **pendulum(), "tap": loop(taps)[2]}), FS
+    )
+    wanted = {"y": (3, 3), "in": (0, 4), "v": (0, 0), "a": (1, 1), "tap": (1, 1)}
+    assert {name: proc.latency[name, "x"] for name in wanted} == wanted
+
+
+def test_a_picture_and_a_plan(tmp_path):
+    scene = Scene(CASES["taps"]())
+    stimlib.draw(scene, tmp_path / "s.svg")
+    assert "loop" in (tmp_path / "s.svg").read_text()
+    assert "Cycle(" in str(stimlib.compile(scene, FS, "python").plan)
+
+
+def test_the_text_of_a_composed_step_has_no_number_of_the_scene():
+    proc = stimlib.compile(Scene({"y": loop(lambda y: y + 0.123456 * (x - y))}), FS)
+    (cycle,) = (q.block for q in proc.program.instances if isinstance(q.block, Cycle))
+    text = "".join(linecache.getlines(cycle.definition.step.__code__.co_filename))
+    assert text.startswith("def step(p, s, x0):") and "0.123456" not in text
+
+
+def escaped(kept):
+    loop(lambda y: (kept.append(y), 0.5 * y + x)[1])
+    return Scene({"y": kept[0] * 1.5})
+
+
+def twice():
+    first = loop(lambda y: 0.5 * y + x)
+    return Scene({"y": first, "z": Loop(0.25 * first.last, first.last)})
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "words"),
+    [
+        (lambda: escaped([]), SceneError, r"Last\(0.0.*its loop is not"),
+        (twice, SceneError, "have one last value"),
+        (
+            lambda: Scene({"y": loop(lambda y: 0.5 * y + b.enabled(b.white_noise(1), by=y))}),
+            SceneError,
+            r"Enabled\(.*inside a loop",
+        ),
+        (lambda: Scene({"y": loop(lambda y: 0.5 * y + b.enabled(2.0 * y, by=x))}), SceneError, r"Enabled\(.*inside a loop"),
+        (lambda: Scene({"y": loop(lambda y: (y + x, b.enabled(2.0 * y, by=x)))[1]}), SceneError, "the last value of one"),
+        (lambda: b.enabled(loop(lambda y: y + x), by=c), SceneError, "would need the input 'x'"),
+        (lambda: loop(lambda y: y * constant(0.5, "m")), UnitError, 'unit="m"'),
+        (lambda: loop(lambda y: y + constant(0.5, "m")), UnitError, "cannot add"),
+        (lambda: loop(lambda y: None), BadValue, "NoneType"),
+        (lambda: loop(lambda y: ()), BadValue, "returned no signal"),
+        (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
+        (lambda: loop(lambda y: y, start=x), BadValue, "design number"),
+        (lambda: Loop(x, x), BadValue, "needs its Last"),
+        (lambda: Tap(x, x), BadValue, "needs its Loop"),
+        (
+            lambda: stimlib.compile(Scene({"y": loop(lambda y: b.springpot(y, 0.1, 0.5, contact=c) + x)}), FS),
+            SceneError,
+            r"Springpot\(.*contact must be a number",
+        ),
+    ],
+)
+def test_what_is_refused(make, error, words):
+    with pytest.raises(error, match=words):
+        make()
+
+
+def test_a_file_cannot_mix_up_loops():
+    data = Scene({"y": loop(lambda y: 0.5 * y + x) + loop(lambda y: 0.25 * y + x)}).to_dict()
+    lasts = [i for i, e in enumerate(data["blocks"]) if e["class"] == "Last"]
+    loops = [e for e in data["blocks"] if e["class"] == "Loop"]
+    for e in loops:
+        e["fields"]["last"] = lasts[0]
+    with pytest.raises(StimlibError, match="one last value"):
+        Scene.from_dict(data)
+    loops[0]["fields"]["last"] = 0
+    with pytest.raises(StimlibError):
+        Scene.from_dict(data)
+
+
+def test_deep_and_many_loops():
+    """No recursion: 300 loops inside each other, and 300 in a row, by the interpreter."""
+    y: Block = x
+    for _ in range(300):
+        y = loop(lambda last, y=y: 0.5 * last + 0.5 * y)
+    deep: list[Block] = []
+
+    def inner(last):
+        deep.append(last)
+        return 0.001 * (deep[0] + last) + (loop(inner) if len(deep) < 300 else x)
+
+    program = Scene({"row": y, "deep": loop(inner)}).program
+    cycles = [q.block for q in program.instances if isinstance(q.block, Cycle)]
+    assert sorted(len(q.ends) for q in cycles) == [1] * 300 + [300]
+    assert sum(isinstance(b, Last) for b in reach([y])) == 300

@@ -1,0 +1,190 @@
+"""Blocks with several outputs: one run of the block for all who listen, on every target and in every cut."""
+
+import json
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from laws import assert_same, run
+
+import stimlib
+from stimlib import Input, Param, Scene
+from stimlib import blocks as b
+from stimlib.core import units as un
+from stimlib.core.graph import Block, Map
+from stimlib.core.maths import cos, sin, where
+from stimlib.errors import BadValue, SceneError
+
+x, c = Input("x"), Input("c")
+FS = 1000.0
+
+
+class Angle(NamedTuple):
+    a: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor(Block):
+    """x, y and turns of an angle that moves on by w per sample, in contact."""
+
+    outputs = ("x", "y", "turns")
+    w: Block
+    contact: Block
+    resettable = True
+
+    def units(self, *u):
+        return u[0], u[0], un.ONE
+
+    def design(self, fs):
+        return (), Angle(0.25, 1.0)
+
+    @staticmethod
+    def step(p, s, w):
+        a = s.a + w
+        return (cos(a), sin(a), a / 6.25), Angle(a, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Halves(Block):
+    """A tile of two outputs, with scratch."""
+
+    outputs = ("low", "high")
+    x: Block
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    @staticmethod
+    def work(p):
+        return 64
+
+    @staticmethod
+    def tile(p, s, x, low, high, w):
+        for i in range(x.size):
+            w[i] = 0.5 * x[i]
+        for i in range(x.size):
+            low[i] = w[i]
+            high[i] = x[i] - 0.25 * w[i]
+        return s
+
+    def through(self, p, fs, z, H, value):
+        return 0.5 * H[0], 0.875 * H[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts(Map):
+    """What is above and below 0, without state."""
+
+    outputs = ("above", "below")
+    x: Block
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    @staticmethod
+    def step(p, s, x):
+        return (where(x > 0.0, x, 0.0), where(x > 0.0, 0.0, x)), s
+
+
+ROTOR, PARTS, OF_PARAM = Rotor(x, c > -0.5), Parts(x), Parts(Param("k", -2.0))
+CASES = {
+    "one of three": {"turns": ROTOR.turns},
+    "two of three": {"x": ROTOR.x, "turns": 2.0 * ROTOR.turns},
+    "always": {"y": Rotor(x, 1.0).y},
+    "side by side": {"y": Rotor(x, 1.0).y, "z": Rotor(c, 1.0).x},
+    "of a tile": {"low": Halves(x).low, "high": Halves(x).high},
+    "one of a tile": {"high": Halves(x).high},
+    "of a map": {"sum": PARTS.above - PARTS.below, "below": PARTS.below},
+    "of a parameter": {"y": OF_PARAM.below * x + OF_PARAM.above},
+    "on a clock": {"y": b.enabled(Parts(b.white_noise(1)).above, by=x)},
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_target_and_cut(name):
+    outputs = CASES[name]
+    scene = Scene.from_dict(json.loads(json.dumps(Scene(outputs).to_dict())))
+    fast, slow = (stimlib.compile(scene, FS, t) for t in ("numba", "python"))
+    u = np.random.default_rng(1).standard_normal((len(fast.inputs), 200))
+    wanted = fast.process(u)
+    assert np.any(wanted)
+    assert_same(slow.process(u), wanted)
+    assert_same(slow.state, fast.state)
+    for size in (1, 7, 64):
+        fast.reset()
+        assert_same(run(fast, u, range(0, 200, size)), wanted)
+    if "tile" not in name:
+        y = stimlib.compile(scene, FS, target="jax")({}, u)
+        for row, name in zip(wanted, fast.outputs, strict=True):
+            np.testing.assert_allclose(y[name], row, rtol=1e-12, atol=1e-12)
+
+
+def test_the_samples():
+    proc = stimlib.compile(Scene({"x": ROTOR.x, "y": ROTOR.y, "turns": ROTOR.turns}), FS)
+    y = proc.process(np.array([[1.0, 1.0, 9.0, 1.0], [0.0, 0.0, -1.0, 0.0]]))
+    angle = np.array([1.25, 2.25, 0.0, 1.25])
+    np.testing.assert_allclose(y, [np.cos(angle) * [1, 1, 0, 1], np.sin(angle), angle / 6.25], rtol=1e-15)
+    assert [proc.units[n] for n in proc.outputs] == ["1", "1", "1"]
+
+
+def test_the_block_runs_once_and_what_nobody_reads_is_not_stored():
+    proc = stimlib.compile(Scene(CASES["two of three"]), FS)
+    assert [r.kind for r in proc.plan.rows].count("pick") == 2
+    assert sum("Rotor" in r.block and r.kind == "block" for r in proc.plan.rows) == 1
+    one, two = (stimlib.compile(Scene(CASES[n]), FS)._engine.segments for n in ("one of three", "two of three"))
+    assert set(one) - set(two), "one segment for both"
+
+
+def test_response_and_latency():
+    proc = stimlib.compile(Scene({"y": Halves(b.delay(x, 2)).high}), FS)
+    z = np.exp(2j * np.pi * 100 / FS)
+    np.testing.assert_allclose(proc.response("y", "x", [100.0]), [0.875 / z**2])
+    assert proc.latency["y", "x"] == (2, 2)
+
+
+def test_a_picture_names_the_outputs(tmp_path):
+    stimlib.draw(Scene(CASES["two of three"]), tmp_path / "s.svg")
+    assert "turns" in (tmp_path / "s.svg").read_text()
+
+
+def _class(**body):
+    body = {"__annotations__": {"x": Block}, "__module__": __name__, **body}
+    return dataclass(frozen=True, eq=False)(type("Wrong", (Block,), body))
+
+
+def _three(p, s, x):
+    return (x, x, x), s
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "words"),
+    [
+        (lambda: ROTOR + 1.0, SceneError, r"say which one, such as \.x"),
+        (lambda: Scene({"y": ROTOR}), SceneError, "has the outputs x, y, turns"),
+        (lambda: b.enabled(Parts(b.white_noise(1)), by=x), SceneError, "say which one"),
+        (lambda: stimlib.core.graph.Pick(ROTOR, "z"), BadValue, "no output 'z'"),
+        (lambda: stimlib.core.graph.Pick(x, "z"), BadValue, "no output 'z'"),
+        (lambda: _class(outputs=("a", "b"))(x), SceneError, "one for each of a, b"),
+        (lambda: _class(outputs=("x", "b")), TypeError, "output 'x'"),
+        (lambda: _class(outputs=("children", "b")), TypeError, "output 'children'"),
+    ],
+)
+def test_what_is_refused(make, error, words):
+    with pytest.raises(error, match=words):
+        make()
+
+
+def test_a_wrong_number_of_samples_is_refused():
+    cls = _class(outputs=("a", "b"), units=lambda self, *u: u * 2, step=staticmethod(_three))
+    with pytest.raises(SceneError, match="must return 2 samples, for a, b, and returned 3"):
+        stimlib.compile(Scene({"y": cls(x).a}), FS, "python")
+
+
+def test_a_file_cannot_pick_what_is_not_there():
+    data = Scene(CASES["of a map"]).to_dict()
+    pick = next(e for e in data["blocks"] if e["class"] == "Pick")
+    pick["fields"]["output"] = "units"
+    with pytest.raises(SceneError, match="no output 'units'"):
+        Scene.from_dict(data)
