@@ -106,6 +106,7 @@ class Entry:
 
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
 SHAPE = [0.0, 0.5, -0.25, 1.0, 0.75], [-1.0, 0.3, 0.9, 1.0, 2.0]
+ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -1.0, 0.0, 2.0, -1.8, 0.0]]
 KNOTS, VALUES = [-1.5, -0.5, 0.0, 0.6, 2.0], [2.0, -1.0, 0.0, 0.5, -0.3]
 FS8 = (8000.0, 48000.0)
 
@@ -414,6 +415,40 @@ TABLE += [
     Entry("lut_polynomial", "Polynomial", lambda x: b.lut(x, KNOTS, VALUES, kind="polynomial", outside="zero"), (normal,)),
     Entry("bumps", "LinearBump",
         lambda x, contact: stimlib.scenes.bumps("sawtooth", contact=True).outputs["voltage"] * 1.0, (squeeze, touch), unit="m"),
+]  # fmt: skip
+
+
+# Filters -------------------------------------------------------------------------------------------------------------
+def butter(band, edges, order):
+    return law.family(band, edges, order, "butterworth", 1.0, 60.0)
+
+
+TABLE += [
+    Entry("lowpass", "Filter", lambda x: b.lowpass(x, 100.0), (normal,), lti=True, laws=(butter("lowpass", [100.0], 2),)),
+    Entry("lowpass_slow", "Filter", lambda x: b.lowpass(x, 0.1, 3), (held,), lti=True, settle=1 << 20,
+        laws=(butter("lowpass", [0.1], 3),)),
+    Entry("lowpass_bessel", "Filter", lambda x: b.lowpass(x, 60.0, 7, "bessel"), (normal,), lti=True,
+        laws=(law.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),)),
+    Entry("highpass", "Filter", lambda x: b.highpass(x, 40.0, 5, "chebyshev1", ripple=0.5), (normal,), lti=True,
+        laws=(law.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),)),
+    Entry("bandpass", "Filter", lambda x: b.bandpass(x, 80.0, 300.0, 3), (normal,), lti=True,
+        laws=(butter("bandpass", [80.0, 300.0], 3),)),
+    Entry("bandstop", "Filter", lambda x: b.bandstop(x, 40.0, 70.0, 4, "elliptic", attenuation=50.0), (normal,), lti=True,
+        laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),)),
+    Entry("sos", "Sos", lambda x: b.sos(x, ROWS), (normal,), lti=True, laws=(law.biquads(np.array(ROWS)),)),
+    Entry("resonator", "Resonator", lambda x: b.resonator(x, 158.0, 20.0), (normal,), lti=True,
+        laws=(law.resonance(158.0, 20.0, (0, 1, 0)),)),
+    Entry("notch", "Resonator", lambda x: b.notch(x, 50.0, 3.0), (normal,), lti=True,
+        laws=(law.resonance(50.0, 3.0, (1, 0, 1)),)),
+    Entry("svf", "Svf", lambda x: b.svf(x, 120.0, 2.0, "highpass"), (normal,), lti=True,
+        laws=(law.resonance(120.0, 2.0, (1, 0, 0)),)),
+    Entry("svf_live", "Svf", lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"), (normal, held, held)),
+    Entry("svf_param", "Svf", lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"), (normal,)),
+    Entry("integrate", "Integrate", lambda x: b.integrate(x), (normal,), laws=(law.integral(0.0),)),
+    Entry("integrate_leak", "Integrate", lambda x: b.integrate(x, 30.0), (held,), lti=True, laws=(law.integral(30.0),)),
+    Entry("moving_average", "MovingAverage", lambda x: b.moving_average(x, 0.01), (normal,), lti=True, rates=(8000.0,),
+        laws=(law.mean_of(80),)),
+    Entry("envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)),
 ]  # fmt: skip
 
 

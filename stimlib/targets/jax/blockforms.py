@@ -22,6 +22,7 @@ from ...blocks.bump import sinpi
 from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.creep import KelvinChain
 from ...blocks.delay import Delay
+from ...blocks.filters import Cascade
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
@@ -29,7 +30,7 @@ from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
-from . import traced
+from . import signalforms, traced
 from .recurrence import SHORT
 
 TILE = 64  # samples per row of a matrix product
@@ -477,6 +478,7 @@ def carrier(b, p, s, x, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
+    Cascade: signalforms.cascade,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,
