@@ -67,6 +67,13 @@ def angle(rng, n, fs):
     return 30 * rng.standard_normal(n)
 
 
+def sparse(rng, n, fs):
+    """Events: the first sample, and one in fifty, of any height."""
+    y = np.where(rng.random(n) < 0.02, rng.standard_normal(n), 0.0)
+    y[:1] = 1.5
+    return y
+
+
 # The table -----------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Entry:
@@ -449,6 +456,42 @@ TABLE += [
     Entry("moving_average", "MovingAverage", lambda x: b.moving_average(x, 0.01), (normal,), lti=True, rates=(8000.0,),
         laws=(law.mean_of(80),)),
     Entry("envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)),
+]  # fmt: skip
+
+
+# Events --------------------------------------------------------------------------------------------------------------
+CLICK = [1.0, -0.6, 0.3, 0.1, -0.05]
+
+
+def seconds(v):
+    return constant(0.02, "s") * abs(v)
+
+
+TABLE += [
+    Entry("rising", "Edge", lambda x, y: b.rising(x, y), (normal, held), edges=True),
+    Entry("falling", "Edge", lambda x: b.falling(x, 0.25), (ties,), edges=True),
+    Entry("crossing", "Crossing", lambda x: b.crossing(x, 0.3, 0.1), (phase,), edges=True),
+    Entry("crossing_split", "Crossing", lambda x: b.crossing(x, 0.07, split=True), (phase,), edges=True),
+    Entry("hysteresis", "Hysteresis", lambda x: b.hysteresis(x, 0.5, -0.5), (normal,), edges=True),
+    Entry("count", "Count", lambda e: b.count(e), (sparse,)),
+    Entry("sample_and_hold", "SampleAndHold", lambda x, e: b.sample_and_hold(x, e), (normal, sparse), edges=True),
+    Entry("once_within", "OnceWithin", lambda e: b.once_within(e, 0.01), (sparse,), edges=True),
+    Entry("time", "Time", lambda: b.time()),
+    Entry("time_gated", "Enabled", lambda x: b.enabled(b.time() + constant(1.0, "s"), by=x), (touch,)),
+    Entry("every", "Every", lambda: b.every(0.0011)),
+    Entry("at", "At", lambda: b.at([0.0, 0.01, 0.0100001, 0.02])),
+    Entry("timeline", "Timeline", lambda: b.timeline([(0.0, 1.0), (0.01, -1.0), (0.01, 0.5), (0.03, 2.0)], "cosine")),
+    Entry("timeline_step", "Timeline", lambda: b.timeline([(0.001, 1.0), (0.02, -1.0)], "step", "N")),
+    Entry("ring", "Ring", lambda e: b.ring(e, 150.0, 0.008), (sparse,), lti=True, laws=(law.ring(150.0, 0.008, "sine"),)),
+    Entry("ring_cosine", "Ring", lambda e: b.ring(e, 90.0, 0.005, "cosine"), (sparse,), lti=True,
+        laws=(law.ring(90.0, 0.005, "cosine"),)),
+    Entry("ring_live", "Ring", lambda e, f, d: b.ring(e, constant(200.0, "Hz") * abs(f), seconds(d)), (sparse, held, held)),
+    Entry("grain", "Grain", lambda e: b.grain(e, CLICK, rate=8000.0), (sparse,), lti=True, rates=(8000.0,),
+        laws=(law.sum_of(CLICK),)),
+    Entry("grain_slower", "Grain", lambda e: b.grain(e, CLICK, rate=400.0, unit="N"), (sparse,), lti=True),
+    Entry("burst", "Burst", lambda e: b.burst(e, 0.03, 0.01), (sparse,)),
+    Entry("burst_once", "Burst", lambda: b.burst(0.01, 0.05)),
+    Entry("envelope", "Envelope", lambda g: b.envelope(g, 0.002, 0.005, 0.4, 0.003), (touch,), edges=True),
 ]  # fmt: skip
 
 

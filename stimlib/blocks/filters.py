@@ -216,7 +216,7 @@ def bandpass(
 ) -> Block:
     """What lies between two frequencies.
 
-    It is computed to 1e-13 + 1e-15 high/(high - low) of its peak: a narrow band is as exact as its poles are numbers.
+    It is computed to 2e-13 + 2e-15 high/(high - low) of its peak: a narrow band is as exact as its poles are numbers.
 
     Parameters
     ----------
@@ -253,6 +253,8 @@ def bandstop(
     x, low: float, high: float, order: int = 2, kind: str = "butterworth", ripple: float = 1.0, attenuation: float = 60.0
 ) -> Block:
     """All but what lies between two frequencies; see ``bandpass`` for parameters and errors.
+
+    It is computed to 2e-13 + 2e-15 high/(high - low) + 2e-14 high/low of its peak.
 
     Parameters
     ----------

@@ -15,6 +15,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue
+from .events import as_signal
 from .fir import Fir, line
 
 
@@ -95,7 +96,7 @@ def integrate(x, leak: float = 0.0) -> Block:
     Raises
     ------
     BadValue
-        A leak below 0.
+        A leak below 0; an event, which ``count`` adds up.
 
     References
     ----------
@@ -109,7 +110,7 @@ def integrate(x, leak: float = 0.0) -> Block:
     >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
     (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
     """
-    return Integrate(as_block(x), leak)
+    return Integrate(as_signal("integrate", x, "add them up with count(..)"), leak)
 
 
 @dataclass(frozen=True, eq=False)

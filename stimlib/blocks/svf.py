@@ -165,7 +165,8 @@ class Svf(Block):
         return SvfParams(1 / fs, *map(float, MODES[self.mode])), SvfState(0.0, 0.0)
 
     def fixed(self, *values):
-        return Resonator(self.x, *values, self.mode) if min(values) > 0 else None
+        cutoff, q = values
+        return Resonator(self.x, cutoff, q, self.mode) if cutoff > 0 and q > 0 else None
 
     @staticmethod
     def step(p, s, x, cutoff, q):

@@ -189,6 +189,18 @@ def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, atte
     return Law(below, law, 1e-9, f"{kind} {band} of order {order}", gain, _largest, shapes=True)
 
 
+def ring(freq: float, decay: float, onset: str) -> Law:
+    """exp(-t/decay) sin(2 pi freq t), or cos, at the samples: their sum, until nothing is left."""
+
+    def law(f, fs):
+        n = np.arange(int(40 * decay * fs) + 2)
+        turn = 2 * np.pi * (freq * n / fs % 1)
+        h = np.exp(-n / (decay * fs)) * (np.sin(turn) if onset == "sine" else np.cos(turn))
+        return np.array([np.sum(h * np.exp(-2j * np.pi * (v * n / fs % 1))) for v in f])
+
+    return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=_largest)
+
+
 def velocity(cutoff: float) -> Law:
     """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi cutoff/fs): the documented formula."""
 

@@ -28,6 +28,7 @@ from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
+from ...blocks.transients import Grain
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
 from . import signalforms, traced
@@ -144,6 +145,10 @@ def latest(mark: Any) -> Any:
 def fir(b, p, s, x, run):
     taps = p.taps[::-1][: int(p.order) + 1]
     return taps_tiles(taps, spread(x[0], run.n))
+
+
+def grain(b, p, s, x, run):
+    return taps_tiles(p.shape, spread(x[0], run.n))
 
 
 def modes(b, p, s, x, run):
@@ -478,7 +483,7 @@ def carrier(b, p, s, x, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
-    Cascade: signalforms.cascade,
+    Cascade: signalforms.cascade, Grain: grain,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,
