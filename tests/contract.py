@@ -495,6 +495,25 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Sources -------------------------------------------------------------------------------------------------------------
+TABLE += [
+    Entry("triangle", "Oscillator", lambda: b.oscillator(158.0, "triangle", phase=0.4)),
+    Entry("sawtooth", "Oscillator", lambda x: b.oscillator(constant(300.0, "Hz") * abs(x), "sawtooth"), (held,), edges=True),
+    Entry("square", "Oscillator", lambda d: b.oscillator(Param("f", 90.0, "Hz"), "square", 0.5 + 0.4 * b.tanh(d)), (held,),
+        edges=True),
+    Entry("pulse", "Oscillator", lambda: b.oscillator(41.0, "pulse", 0.2)),
+    Entry("pulse_train", "PulseTrain", lambda x, j: b.pulse_train(constant(200.0, "Hz") * abs(x), 0.2 * j), (held, normal),
+        edges=True),
+    Entry("pulse_train_regular", "PulseTrain", lambda: b.pulse_train(90.0)),
+    Entry("chirp", "Chirp", lambda: b.chirp(20.0, 400.0, 0.5)),
+    Entry("chirp_exponential", "Chirp", lambda: b.chirp(400.0, 20.0, 0.02, "exponential")),
+    Entry("playback", "Playback", lambda: b.playback(UNEVEN, rate=1000.0, unit="N")),
+    Entry("playback_loop", "Playback", lambda: b.playback(UNEVEN, rate=500.0, loop=True)),
+    Entry("band_noise", "BandNoise", lambda: b.band_noise(80.0, 300.0, 0.01, seed=3),
+        laws=(law.band_noise(80.0, 300.0, 0.01, 4),)),
+]  # fmt: skip
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

@@ -17,9 +17,11 @@ from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
+from .oscillators import oscillator, pulse_train
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
+from .sources import band_noise, chirp, playback
 from .springpot import springpot
 from .svf import notch, resonator, svf
 from .table import lut
@@ -27,12 +29,13 @@ from .tracking import track, track_velocity
 from .transients import burst, envelope, grain, ring
 
 __all__ = [
-    "at", "bandpass", "bandstop", "bump", "burst", "carrier", "clip", "compliance", "compliance_generalized_kelvin_voigt",
-    "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count", "crossing", "delay", "differentiator",
-    "enabled", "envelope", "envelope_follower", "equal_force", "equalize", "every", "exp", "falling", "fir", "first_order",
-    "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis", "integrate", "kelvin_voigt", "loading", "log",
-    "lowpass", "lut", "maximum", "maxwell", "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within",
-    "pink_noise", "pinking", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
-    "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "svf",
-    "tanh", "time", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
+    "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
+    "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
+    "crossing", "delay", "differentiator", "enabled", "envelope", "envelope_follower", "equal_force", "equalize", "every",
+    "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
+    "integrate", "kelvin_voigt", "loading", "log", "lowpass", "lut", "maximum", "maxwell", "minimum", "motor_current",
+    "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking", "playback", "pulse_train",
+    "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos", "spring", "springpot",
+    "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "svf", "tanh", "time",
+    "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

@@ -201,6 +201,16 @@ def ring(freq: float, decay: float, onset: str) -> Law:
     return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=_largest)
 
 
+def band_noise(low: float, high: float, psd: float, order: int) -> Law:
+    """White noise of unit variance, one-sided PSD 2/fs, becomes psd between two edges."""
+    band = family("bandpass", (low, high), order, "butterworth", 1.0, 60.0)
+
+    def law(f, fs):
+        return math.sqrt(psd * fs / 2) * band.law(f, fs)
+
+    return band._replace(law=law, text=f"S = {psd:.4g} from {low:g} to {high:g} Hz")
+
+
 def velocity(cutoff: float) -> Law:
     """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi cutoff/fs): the documented formula."""
 
