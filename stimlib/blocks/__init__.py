@@ -8,6 +8,7 @@ from .clock import at, every, time, timeline
 from .continuous import equal_force, springpot_stiffness
 from .creep import compliance, compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from .delay import delay
+from .envelopes import burst, envelope
 from .equalise import equalize
 from .events import count, crossing, falling, once_within, rising, sample_and_hold
 from .filters import bandpass, bandstop, highpass, lowpass, sos
@@ -26,7 +27,7 @@ from .springpot import springpot
 from .svf import notch, resonator, svf
 from .table import lut
 from .tracking import track, track_velocity
-from .transients import burst, envelope, grain, ring
+from .transients import grain, ring
 
 __all__ = [
     "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",

@@ -51,8 +51,8 @@ class Cascade(Block, abstract=True):
             v = fma(p.h0[k], h, fma(p.e1[k], s1, p.e0[k] * s2))
             t1 = fma(p.a[k], h, fma(-p.c[k], s1, TINY)) + s.low1[k]
             t2 = fma(p.d[k], h, p.b[k] * s1) + s.low2[k]
-            s.s1[k], s.s2[k] = s1 + t1, s2 + t2
-            s.low1[k], s.low2[k] = t1 - (s.s1[k] - s1), t2 - (s.s2[k] - s2)
+            n1, n2 = s1 + t1, s2 + t2
+            s.s1[k], s.s2[k], s.low1[k], s.low2[k] = n1, n2, t1 - (n1 - s1), t2 - (n2 - s2)
         return flush(v), s
 
     @staticmethod

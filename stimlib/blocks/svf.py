@@ -7,6 +7,8 @@ from fractions import Fraction
 from math import pi, tan
 from typing import NamedTuple
 
+import numpy as np
+
 from ..core import units as un
 from ..core.graph import Block, Const, Param, as_block, positive
 from ..core.maths import TINY, flush, fma, where
@@ -14,9 +16,11 @@ from ..core.units import unit
 from ..design import responses
 from ..design.sections import sections
 from ..errors import BadValue, UnitError
-from .bump import sinpi
+from .bump import regular, sinpi
 from .filters import Cascade, below_half, cascade
 from .impedance import with_unit
+
+U = np.uint64
 
 MODES = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "notch": (1, 0, 1)}
 """What passes, as factors of s^2, s g/q and g^2."""
@@ -132,6 +136,37 @@ LEAST = 1e-3
 """Smallest quality of a signal."""
 
 
+class Turn(NamedTuple):
+    """Of a cutoff and a quality: halves of what the states get, and 1/q."""
+
+    a: float
+    c: float
+    d: float
+    k: float
+    wrong: float  # 0, or nan
+
+
+def turn(p, cutoff, q):
+    """Numbers of one sample."""
+    r = cutoff * p.per
+    r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
+    k = 1.0 / where(q > LEAST, q, LEAST)
+    si, co = sinpi(r), sinpi(0.5 - r)
+    sd = si / fma(k * si, co, 1.0)
+    return Turn(sd * co, sd * fma(k, co, si), sd * si, k, (cutoff + q) - (cutoff + q))
+
+
+def turned(p, t, s, x):
+    """The output and the new state."""
+    h = x - s.s2
+    low = s.s2 + fma(t.d, h, t.a * s.s1)
+    band = s.s1 + fma(t.a, h, -t.c * s.s1)
+    high = fma(-t.k, band, x - low)
+    y = flush(fma(p.high, high, fma(p.band * t.k, band, p.low * low)))
+    s1, s2 = s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY)), s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1)
+    return where(t.wrong == 0.0, y, t.wrong), SvfState(s1, s2)
+
+
 @dataclass(frozen=True, eq=False)
 class Svf(Block):
     """As ``Resonator``, from this sample's g = tan(pi cutoff/fs) = s/c and k = 1/q, with D = c^2 (1 + k g + g^2) = 1 + k s c:
@@ -170,20 +205,17 @@ class Svf(Block):
 
     @staticmethod
     def step(p, s, x, cutoff, q):
-        r = cutoff * p.per
-        r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
-        k = 1.0 / where(q > LEAST, q, LEAST)
-        si, co = sinpi(r), sinpi(0.5 - r)
-        sd = si / fma(k * si, co, 1.0)
-        a, c, d = sd * co, sd * fma(k, co, si), sd * si  # halves of what the states get
-        h = x - s.s2
-        low = s.s2 + fma(d, h, a * s.s1)
-        band = s.s1 + fma(a, h, -c * s.s1)
-        high = fma(-k, band, x - low)
-        y = flush(fma(p.high, high, fma(p.band * k, band, p.low * low)))
-        wrong = (cutoff + q) - (cutoff + q)
-        after = SvfState(s.s1 + fma(2.0 * a, h, fma(-2.0 * c, s.s1, TINY)), s.s2 + fma(2.0 * d, h, 2.0 * a * s.s1))
-        return where(wrong == 0.0, y, wrong), after
+        return turned(p, turn(p, cutoff, q), s, x)
+
+    @staticmethod
+    def tile(p, s, x, cutoff, q, y):
+        t = turn(p, cutoff[0], q[0])
+        moves = regular(cutoff) < U(y.size) or regular(q) < U(y.size)
+        for i in range(y.size):
+            if moves:
+                t = turn(p, cutoff[i], q[i])
+            y[i], s = turned(p, t, s, x[i])
+        return s
 
 
 def svf(x, cutoff, q=0.5**0.5, mode: str = "lowpass") -> Block:

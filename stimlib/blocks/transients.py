@@ -1,25 +1,22 @@
-"""What events make: decaying sinusoids, recorded transients, bursts and envelopes."""
+"""What events make: decaying sinusoids and recorded transients."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core import units as un
 from ..core.bounds import limits
-from ..core.graph import NONE, ONE, Block, Const, as_block, positive
-from ..core.maths import TINY, as_float, exp, flush, fma, where
+from ..core.graph import NONE, ONE, Block, Const, positive
+from ..core.maths import SILENT, TINY, exp, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import resampled
 from ..errors import BadValue, UnitError
-from .bump import sinpi
-from .clock import at
-from .events import as_event, as_signal
+from .bump import regular, sinpi
+from .events import as_event
 from .filters import below_half
 from .impedance import with_unit
 
@@ -34,6 +31,35 @@ class RingParams(NamedTuple):
 class RingState(NamedTuple):
     re: float
     im: float
+
+
+class Turn(NamedTuple):
+    """p of a frequency and a decay."""
+
+    e: float  # 1 - real part
+    w: float  # imaginary part
+    wrong: float  # 0, or nan
+
+
+def turn(p, freq, decay):
+    """Numbers of one sample."""
+    r = freq * p.per
+    r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
+    rho = exp(-p.per / where(decay > p.per, decay, p.per))
+    si, co = sinpi(r), sinpi(0.5 - r)
+    return Turn(fma(2.0 * rho * si, si, 1.0 - rho), 2.0 * rho * si * co, (freq + decay) - (freq + decay))
+
+
+def turned(p, t, s, event):
+    """The output and the new state."""
+    re = s.re + (event + fma(-t.e, s.re, fma(-t.w, s.im, TINY)))
+    im = s.im + fma(-t.e, s.im, fma(t.w, s.re, TINY))
+    return where(t.wrong == 0.0, flush(where(p.sine > 0.0, im, re)), t.wrong), RingState(re, im)
+
+
+def rests(s, event):
+    """1 where nothing sounds and nothing happens: then the state stays as it is, and the output is 0."""
+    return where(event == 0.0, where(abs(s.re) <= SILENT, where(abs(s.im) <= SILENT, 1.0, 0.0), 0.0), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +106,27 @@ class Ring(Block):
 
     @staticmethod
     def step(p, s, event, freq, decay):
-        r = freq * p.per
-        r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
-        rho = exp(-p.per / where(decay > p.per, decay, p.per))
-        si, co = sinpi(r), sinpi(0.5 - r)
-        e, w = fma(2.0 * rho * si, si, 1.0 - rho), 2.0 * rho * si * co  # 1 - real part of p, imaginary part
-        re = s.re + (event + fma(-e, s.re, fma(-w, s.im, TINY)))
-        im = s.im + fma(-e, s.im, fma(w, s.re, TINY))
-        wrong = (freq + decay) - (freq + decay)
-        return where(wrong == 0.0, flush(where(p.sine > 0.0, im, re)), wrong), RingState(re, im)
+        y, after = turned(p, turn(p, freq, decay), s, event)
+        rest = rests(s, event)
+        return where(rest > 0.0, 0.0, y), RingState(where(rest > 0.0, s.re, after.re), where(rest > 0.0, s.im, after.im))
+
+    @staticmethod
+    def tile(p, s, event, freq, decay, y):
+        some = NONE
+        for i in range(y.size):
+            some = some + where(event[i] == 0.0, NONE, ONE)
+        if some == NONE and rests(s, 0.0) > 0.0:
+            y[:] = 0.0
+            return s
+        t = turn(p, freq[0], decay[0])
+        moves = regular(freq) < U(y.size) or regular(decay) < U(y.size)
+        for i in range(y.size):
+            if moves:
+                t = turn(p, freq[i], decay[i])
+            y[i] = 0.0
+            if rests(s, event[i]) == 0.0:
+                y[i], s = turned(p, t, s, event[i])
+        return s
 
 
 def ring(event, freq, decay, onset: str = "sine") -> Block:
@@ -236,172 +274,3 @@ def grain(event, samples, rate: float, unit: str = "") -> Block:
     array([[1.  , 0.5 , 1.25, 0.5 , 1.25]])
     """
     return Grain(as_event("grain", event), samples, rate, unit)
-
-
-class BurstParams(NamedTuple):
-    n: float  # samples
-    ramp: float  # samples of each flank
-
-
-class BurstState(NamedTuple):
-    k: np.uint64  # sample of the burst
-    height: float
-
-
-@dataclass(frozen=True, eq=False)
-class Burst(Block):
-    """height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as long before the middle as after."""
-
-    event: Block
-    duration: float
-    ramp: float
-
-    def check(self):
-        positive(self, "duration")
-        if not 0 <= self.ramp <= self.duration / 2:
-            raise BadValue(
-                f"burst: ramp = {self.ramp:g} s must be from 0 to half of duration = {self.duration:g} s: one ramp at each end"
-            )
-
-    def design(self, fs):
-        n = round(self.duration * fs)
-        if n < 1:
-            raise BadValue(f"burst: duration = {self.duration:g} s is less than half a sample at fs = {fs:g} Hz")
-        return BurstParams(float(n), min(max(0.5, self.ramp * fs), n / 2)), BurstState(U(n), 0.0)
-
-    @staticmethod
-    def step(p, s, event):
-        k = where(event == 0.0, s.k, NONE)
-        height = where(event == 0.0, s.height, event)
-        t = as_float(k) + 0.5
-        edge = where(t < p.n - t, t, p.n - t) / p.ramp
-        v = sinpi(0.5 * where(edge > 0.0, where(edge < 1.0, edge, 1.0), 0.0))
-        runs = where(as_float(k) < p.n, 1.0, 0.0)
-        return where(runs > 0.0, height * (v * v), 0.0), BurstState(where(runs > 0.0, k + ONE, k), height)
-
-
-def burst(start, duration: float, ramp: float = 0.0) -> Block:
-    """An envelope that is open for a while after each event, with ramps of a raised cosine: times a signal, a burst of it.
-
-    Parameters
-    ----------
-    start : Block or float
-        An event, whose height is that of the envelope; or a time in s, for one burst.  An event within a burst restarts it.
-    duration : float
-        From the start of the first ramp to the end of the last, in s, rounded to whole samples.
-    ramp : float
-        Length of each ramp in s, at most half the duration.
-
-    Returns
-    -------
-    Block
-        In the unit of start.  Its sum is that of a rectangle as long as duration - ramp.
-
-    Raises
-    ------
-    BadValue
-        A duration not above 0, a ramp that does not fit into it, what is known to be no event; at compile time, a duration of
-        less than half a sample.
-
-    Examples
-    --------
-    >>> import numpy as np, stimlib
-    >>> from stimlib.blocks import burst
-    >>> proc = stimlib.compile(stimlib.Scene({"y": burst(0.001, duration=0.005, ramp=0.002)}), fs=1000)
-    >>> proc.process(np.empty((0, 7))).round(3)
-    array([[0.   , 0.146, 0.854, 1.   , 0.854, 0.146, 0.   ]])
-    """
-    return Burst(as_event("burst", start if isinstance(start, Block) else at(start)), duration, ramp)
-
-
-CURVE = 1.5
-"""Time constants in an attack: what it rises towards is above 1 by 1/(exp(1.5) - 1)."""
-FULL = 1 - 1e-9
-"""An attack ends here: by rounding it could come a sample late."""
-
-
-class EnvelopeParams(NamedTuple):
-    rise: float
-    top: float
-    fall: float
-    sustain: float
-    release: float
-
-
-class EnvelopeState(NamedTuple):
-    y: float
-    stage: float  # 0 released, 1 attack, 2 decay and sustain
-    gate: float
-
-
-@dataclass(frozen=True, eq=False)
-class Envelope(Block):
-    """y += g (target - y) with the g and target of its stage; a gate that opens starts the attack from where y is."""
-
-    gate: Block
-    attack: float
-    decay: float
-    sustain: float
-    release: float
-
-    def check(self):
-        for name in ("attack", "decay", "sustain", "release"):
-            if not getattr(self, name) >= 0:
-                raise BadValue(f"envelope: {name} = {getattr(self, name):g} must be 0 or above")
-
-    def units(self, *u):
-        return un.ONE
-
-    def design(self, fs):
-        rise, fall, release = (
-            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0 for t in (self.attack / CURVE, self.decay, self.release)
-        )
-        return EnvelopeParams(rise, -1 / math.expm1(-CURVE), fall, self.sustain, release), EnvelopeState(0.0, 0.0, 0.0)
-
-    @staticmethod
-    def step(p, s, gate):
-        on = where(gate > 0.0, 1.0, 0.0)
-        stage = where(on > 0.0, where(s.gate > 0.0, s.stage, 1.0), 0.0)
-        target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
-        g = where(stage == 1.0, p.rise, where(stage == 2.0, p.fall, p.release))
-        y = s.y + fma(g, target - s.y, TINY)
-        full = where(stage == 1.0, where(y >= FULL, 1.0, 0.0), 0.0)
-        y = where(full > 0.0, 1.0, y)
-        return flush(y), EnvelopeState(y, where(full > 0.0, 2.0, stage), on)
-
-
-def envelope(gate, attack: float = 0.005, decay: float = 0.05, sustain: float = 1.0, release: float = 0.05) -> Block:
-    """Attack, decay, sustain, release: how strong something is while a gate is open, and after.
-
-    Parameters
-    ----------
-    gate : Block
-        Open where it is above 0.  One that opens again starts a new attack from where the envelope is.
-    attack : float
-        Time to 1 in s, along an exponential.
-    decay, release : float
-        Time constants in s of the way to the sustain level, and to 0 after the gate closes.
-    sustain : float
-        Level while the gate stays open.
-
-    Returns
-    -------
-    Block
-        Without unit.
-
-    Raises
-    ------
-    BadValue
-        A number below 0; an event in place of a gate.
-
-    Examples
-    --------
-    >>> import numpy as np, stimlib
-    >>> from stimlib.blocks import envelope
-    >>> shape = envelope(stimlib.Input("gate"), attack=0.002, decay=0.001, sustain=0.5, release=0.001)
-    >>> proc = stimlib.compile(stimlib.Scene({"y": shape}), fs=1000)
-    >>> proc.process(np.array([[1.0, 1.0, 1.0, 1.0, 0.0, 0.0]])).round(3)
-    array([[0.679, 1.   , 0.684, 0.568, 0.209, 0.077]])
-    """
-    gate = as_signal("envelope", gate, "hold it open with burst(event, duration)")
-    return Envelope(as_block(gate), attack, decay, sustain, release)

@@ -28,7 +28,7 @@ from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
-from ...blocks.transients import Grain
+from ...blocks.transients import Grain, Ring
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
 from . import signalforms, traced
@@ -483,7 +483,7 @@ def carrier(b, p, s, x, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
-    Cascade: signalforms.cascade, Grain: grain,
+    Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,

@@ -1,4 +1,4 @@
-"""How the blocks of the vocabulary that own arrays run over whole signals under JAX: cascades of sections."""
+"""How filters and rings run over whole signals under JAX: as recursions that are linear in their states."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .recurrence import affine
+from ...blocks.transients import turn, turned
+from .recurrence import affine, run_step
 
 
 def cascade(b, p, s, x, run):
@@ -22,3 +23,12 @@ def cascade(b, p, s, x, run):
 
     rows = [jnp.asarray(r) for r in (M, np.stack([p.a, p.d], -1), p.h0, p.e1, p.e0)]
     return lax.scan(section, v.astype(jnp.float64), rows)[0].astype(v.dtype)
+
+
+def turning(p, s, event, freq, decay):
+    """A ring that never rests, so that its state is linear."""
+    return turned(p, turn(p, freq, decay), s, event)
+
+
+def ring(b, p, s, x, run):
+    return run_step(turning, p, s, x, run.n)
