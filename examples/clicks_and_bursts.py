@@ -12,14 +12,12 @@ from stimlib.blocks import bandpass, burst, constant, crossing, every, ring, whi
 from stimlib.motion.generators import constant_speed
 
 
-# [clicks]
 def clicks() -> stimlib.Scene:
     x = stimlib.Input("x", "m")
     passed = crossing(x, spacing=0.005, hysteresis=1e-4)
     return stimlib.Scene({"force": constant(0.5, "N") * ring(passed, freq=150, decay=0.01)})
 
 
-# [bursts]
 def bursts() -> stimlib.Scene:
     noise = bandpass(white_noise(seed=1), 100, 300, order=4)
     envelope = burst(every(0.5), duration=0.2, ramp=0.02)

@@ -509,7 +509,7 @@ TABLE += [
     Entry("chirp_exponential", "Chirp", lambda: b.chirp(400.0, 20.0, 0.02, "exponential")),
     Entry("playback", "Playback", lambda: b.playback(UNEVEN, rate=1000.0, unit="N")),
     Entry("playback_loop", "Playback", lambda: b.playback(UNEVEN, rate=500.0, loop=True)),
-    Entry("band_noise", "BandNoise", lambda: b.band_noise(80.0, 300.0, 0.01, seed=3),
+    Entry("band_noise", "BandNoise", lambda: b.band_noise(80.0, 300.0, 0.01, seed=3, shared=True),
         laws=(law.band_noise(80.0, 300.0, 0.01, 4),)),
 ]  # fmt: skip
 

@@ -199,6 +199,11 @@ class Svf(Block):
             below_half("svf", fs, cutoff=self.cutoff.value)
         return SvfParams(1 / fs, *map(float, MODES[self.mode])), SvfState(0.0, 0.0)
 
+    def laws(self, fs):
+        if isinstance(self.cutoff, Const) and isinstance(self.q, Const):
+            return (responses.resonance(self.cutoff.value, self.q.value, MODES[self.mode]),)
+        return ()
+
     def fixed(self, *values):
         cutoff, q = values
         return Resonator(self.x, cutoff, q, self.mode) if cutoff > 0 and q > 0 else None
