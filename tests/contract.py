@@ -68,6 +68,13 @@ def angle(rng, n, fs):
     return 30 * rng.standard_normal(n)
 
 
+def sparse(rng, n, fs):
+    """Events: the first sample, and one in fifty, of any height."""
+    y = np.where(rng.random(n) < 0.02, rng.standard_normal(n), 0.0)
+    y[:1] = 1.5
+    return y
+
+
 # The table -----------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Entry:
@@ -107,6 +114,7 @@ class Entry:
 
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
 SHAPE = [0.0, 0.5, -0.25, 1.0, 0.75], [-1.0, 0.3, 0.9, 1.0, 2.0]
+ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -1.0, 0.0, 2.0, -1.8, 0.0]]
 KNOTS, VALUES = [-1.5, -0.5, 0.0, 0.6, 2.0], [2.0, -1.0, 0.0, 0.5, -0.3]
 FS8 = (8000.0, 48000.0)
 
@@ -475,6 +483,95 @@ TABLE += [
     Entry("outputs", "Pick", parts, (normal,), lti=True),
     Entry("loop_enabled", "Loop", lambda x: b.enabled(b.loop(lambda last: 0.9 * last + b.white_noise(3)), by=x), (ties,)),
 ]
+
+
+# Filters -------------------------------------------------------------------------------------------------------------
+def butter(band, edges, order):
+    return law.family(band, edges, order, "butterworth", 1.0, 60.0)
+
+
+TABLE += [
+    Entry("lowpass", "Filter", lambda x: b.lowpass(x, 100.0), (normal,), lti=True, laws=(butter("lowpass", [100.0], 2),)),
+    Entry("lowpass_slow", "Filter", lambda x: b.lowpass(x, 0.1, 3), (held,), lti=True, settle=1 << 20,
+        laws=(butter("lowpass", [0.1], 3),)),
+    Entry("lowpass_bessel", "Filter", lambda x: b.lowpass(x, 60.0, 7, "bessel"), (normal,), lti=True,
+        laws=(law.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),)),
+    Entry("highpass", "Filter", lambda x: b.highpass(x, 40.0, 5, "chebyshev1", ripple=0.5), (normal,), lti=True,
+        laws=(law.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),)),
+    Entry("bandpass", "Filter", lambda x: b.bandpass(x, 80.0, 300.0, 3), (normal,), lti=True,
+        laws=(butter("bandpass", [80.0, 300.0], 3),)),
+    Entry("bandstop", "Filter", lambda x: b.bandstop(x, 40.0, 70.0, 4, "elliptic", attenuation=50.0), (normal,), lti=True,
+        laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),)),
+    Entry("sos", "Sos", lambda x: b.sos(x, ROWS), (normal,), lti=True, laws=(law.biquads(np.array(ROWS)),)),
+    Entry("resonator", "Resonator", lambda x: b.resonator(x, 158.0, 20.0), (normal,), lti=True,
+        laws=(law.resonance(158.0, 20.0, (0, 1, 0)),)),
+    Entry("notch", "Resonator", lambda x: b.notch(x, 50.0, 3.0), (normal,), lti=True,
+        laws=(law.resonance(50.0, 3.0, (1, 0, 1)),)),
+    Entry("svf", "Svf", lambda x: b.svf(x, 120.0, 2.0, "highpass"), (normal,), lti=True,
+        laws=(law.resonance(120.0, 2.0, (1, 0, 0)),)),
+    Entry("svf_live", "Svf", lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"), (normal, held, held)),
+    Entry("svf_param", "Svf", lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"), (normal,)),
+    Entry("integrate", "Integrate", lambda x: b.integrate(x), (normal,), laws=(law.integral(0.0),)),
+    Entry("integrate_leak", "Integrate", lambda x: b.integrate(x, 30.0), (held,), lti=True, laws=(law.integral(30.0),)),
+    Entry("moving_average", "MovingAverage", lambda x: b.moving_average(x, 0.01), (normal,), lti=True, rates=(8000.0,),
+        laws=(law.mean_of(80),)),
+    Entry("envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)),
+]  # fmt: skip
+
+
+# Events --------------------------------------------------------------------------------------------------------------
+CLICK = [1.0, -0.6, 0.3, 0.1, -0.05]
+
+
+def seconds(v):
+    return constant(0.02, "s") * abs(v)
+
+
+TABLE += [
+    Entry("rising", "Edge", lambda x, y: b.rising(x, y), (normal, held), edges=True),
+    Entry("falling", "Edge", lambda x: b.falling(x, 0.25), (ties,), edges=True),
+    Entry("crossing", "Crossing", lambda x: b.crossing(x, 0.3, 0.1), (phase,), edges=True),
+    Entry("crossing_split", "Crossing", lambda x: b.crossing(x, 0.07, split=True), (phase,), edges=True),
+    Entry("hysteresis", "Hysteresis", lambda x: b.hysteresis(x, 0.5, -0.5), (normal,), edges=True),
+    Entry("count", "Count", lambda e: b.count(e), (sparse,)),
+    Entry("sample_and_hold", "SampleAndHold", lambda x, e: b.sample_and_hold(x, e), (normal, sparse), edges=True),
+    Entry("once_within", "OnceWithin", lambda e: b.once_within(e, 0.01), (sparse,), edges=True),
+    Entry("time", "Time", lambda: b.time()),
+    Entry("time_gated", "Enabled", lambda x: b.enabled(b.time() + constant(1.0, "s"), by=x), (touch,)),
+    Entry("every", "Every", lambda: b.every(0.0011)),
+    Entry("at", "At", lambda: b.at([0.0, 0.01, 0.0100001, 0.02])),
+    Entry("timeline", "Timeline", lambda: b.timeline([(0.0, 1.0), (0.01, -1.0), (0.01, 0.5), (0.03, 2.0)], "cosine")),
+    Entry("timeline_step", "Timeline", lambda: b.timeline([(0.001, 1.0), (0.02, -1.0)], "step", "N")),
+    Entry("ring", "Ring", lambda e: b.ring(e, 150.0, 0.008), (sparse,), lti=True, laws=(law.ring(150.0, 0.008, "sine"),)),
+    Entry("ring_cosine", "Ring", lambda e: b.ring(e, 90.0, 0.005, "cosine"), (sparse,), lti=True,
+        laws=(law.ring(90.0, 0.005, "cosine"),)),
+    Entry("ring_live", "Ring", lambda e, f, d: b.ring(e, constant(200.0, "Hz") * abs(f), seconds(d)), (sparse, held, held)),
+    Entry("grain", "Grain", lambda e: b.grain(e, CLICK, rate=8000.0), (sparse,), lti=True, rates=(8000.0,),
+        laws=(law.sum_of(CLICK),)),
+    Entry("grain_slower", "Grain", lambda e: b.grain(e, CLICK, rate=400.0, unit="N"), (sparse,), lti=True),
+    Entry("burst", "Burst", lambda e: b.burst(e, 0.03, 0.01), (sparse,)),
+    Entry("burst_once", "Burst", lambda: b.burst(0.01, 0.05)),
+    Entry("envelope", "Envelope", lambda g: b.envelope(g, 0.002, 0.005, 0.4, 0.003), (touch,), edges=True),
+]  # fmt: skip
+
+
+# Sources -------------------------------------------------------------------------------------------------------------
+TABLE += [
+    Entry("triangle", "Oscillator", lambda: b.oscillator(158.0, "triangle", phase=0.4)),
+    Entry("sawtooth", "Oscillator", lambda x: b.oscillator(constant(300.0, "Hz") * abs(x), "sawtooth"), (held,), edges=True),
+    Entry("square", "Oscillator", lambda d: b.oscillator(Param("f", 90.0, "Hz"), "square", 0.5 + 0.4 * b.tanh(d)), (held,),
+        edges=True),
+    Entry("pulse", "Oscillator", lambda: b.oscillator(41.0, "pulse", 0.2)),
+    Entry("pulse_train", "PulseTrain", lambda x, j: b.pulse_train(constant(200.0, "Hz") * abs(x), 0.2 * j), (held, normal),
+        edges=True),
+    Entry("pulse_train_regular", "PulseTrain", lambda: b.pulse_train(90.0)),
+    Entry("chirp", "Chirp", lambda: b.chirp(20.0, 400.0, 0.5)),
+    Entry("chirp_exponential", "Chirp", lambda: b.chirp(400.0, 20.0, 0.02, "exponential")),
+    Entry("playback", "Playback", lambda: b.playback(UNEVEN, rate=1000.0, unit="N")),
+    Entry("playback_loop", "Playback", lambda: b.playback(UNEVEN, rate=500.0, loop=True)),
+    Entry("band_noise", "BandNoise", lambda: b.band_noise(80.0, 300.0, 0.01, seed=3, shared=True),
+        laws=(law.band_noise(80.0, 300.0, 0.01, 4),)),
+]  # fmt: skip
 
 
 def ours() -> dict[str, type[Block]]:

@@ -120,7 +120,7 @@ WRITTEN_OUT = (
     "Input Const Param Add Sub Mul Div Neg Abs Greater AtLeast Where Maximum Minimum Sqrt Exp Log Sin Cos Tanh Nonzero Guard "
     "Delay Taps Differentiator Loading Velocity FirstOrder Pinking PinkNoise White Enabled Lut Loop Last Tap Pick"
 ).split()
-OTHERS = [e for e in TABLE if e.cls not in WRITTEN_OUT and e.drive and e.name != "bumps"]  # a scene with an input of its own
+OTHERS = [e for e in TABLE if e.cls not in WRITTEN_OUT and e.name != "bumps"]  # a scene with an input of its own
 number = st.sampled_from(NUMBERS)
 small = st.integers(0, 3)
 

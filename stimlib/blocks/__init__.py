@@ -5,27 +5,39 @@ from ..core.loops import loop
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .bump import bump
 from .carrier import carrier
+from .clock import at, every, time, timeline
 from .continuous import equal_force, springpot_stiffness
 from .creep import compliance, compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from .delay import delay
+from .envelopes import burst, envelope
 from .equalise import equalize
+from .events import count, crossing, falling, once_within, rising, sample_and_hold
+from .filters import bandpass, bandstop, highpass, lowpass, sos
 from .fir import differentiator, fir
-from .gate import loading
+from .gate import hysteresis, loading
 from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
+from .oscillators import oscillator, pulse_train
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
+from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
+from .sources import band_noise, chirp, playback
 from .springpot import springpot
+from .svf import notch, resonator, svf
 from .table import lut
 from .tracking import track, track_velocity
+from .transients import grain, ring
 
 __all__ = [
-    "bump", "carrier", "clip", "compliance", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt",
-    "compliance_maxwell", "constant", "cos", "delay", "differentiator", "enabled", "equal_force", "equalize", "exp",
-    "fir", "first_order", "force_limit", "generalized_maxwell", "kelvin_voigt", "loading", "log", "loop", "lut", "maximum",
-    "maxwell", "minimum", "motor_current", "nonzero", "pink_noise", "pinking", "sin", "skin_drive",
-    "slew_limit", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
-    "static_limit", "tanh", "track", "track_velocity", "velocity", "where", "white_noise",
+    "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
+    "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
+    "crossing", "delay", "differentiator", "enabled", "envelope", "envelope_follower", "equal_force", "equalize", "every",
+    "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
+    "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "maximum", "maxwell", "minimum",
+    "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
+    "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
+    "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit",
+    "svf", "tanh", "time", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

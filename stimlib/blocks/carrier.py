@@ -40,6 +40,12 @@ class CarrierState(NamedTuple):
     wait: np.uint64  # samples before sample 0, which do not count
 
 
+def two_words(v: Fraction) -> tuple[float, float]:
+    """A number to 106 bits, as a sum."""
+    high = float(v)
+    return high, float(v - Fraction(high))
+
+
 def increment(p, f):
     """Turns per sample in 2^-64, to the nearest whole number; f is held in 0 .. fs/2 (0 for nan)."""
     g = where(f > 0.0, where(f < p.top, f, p.top), 0.0)
@@ -92,11 +98,9 @@ class Carrier(Block):
         f = self.freq
         if isinstance(f, (Const, Param)) and f.value >= fs / 2:
             raise BadValue(f"carrier: freq = {f.value:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
-        exact = Fraction(2**64) / Fraction(fs)
-        high = float(exact)
         turns = Fraction(self.phase) / Fraction(2 * math.pi)
         wait = lead(fs) if self.autonomous else 0
-        p = CarrierParams(high, float(exact - Fraction(high)), fs / 2, float(RECTIFY.index(self.rectify)))
+        p = CarrierParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify)))
         return p, CarrierState(U(round(turns * 2**64) % 2**64), U(wait))
 
     @staticmethod

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, positive
+from ..core.graph import NONE, ONE, Block, as_block, positive
 from ..core.maths import where
 from ..errors import BadValue
 from .impedance import Velocity, step_peak
@@ -31,18 +31,64 @@ class Gate(Block, abstract=True):
 
     @staticmethod
     def tile(p, s, x, y):
-        g, above_on, above_off = s.g, NONE, NONE
+        g, above_on, above_off = where(s.g > 0.0, 1.0, 0.0), NONE, NONE  # a state may come from anywhere
         for i in range(y.size):
             above_on = above_on + where(x[i] > p.on, ONE, NONE)
             above_off = above_off + where(x[i] > p.off, ONE, NONE)
         if (g > 0.0 and above_off == np.uint64(y.size)) or (g == 0.0 and above_on == NONE):  # nothing changes
             for i in range(y.size):
                 y[i] = g
-            return s
+            return GateState(g)
         for i in range(y.size):
             g = where(x[i] > where(g > 0.0, p.off, p.on), 1.0, 0.0)
             y[i] = g
         return GateState(g)
+
+
+@dataclass(frozen=True, eq=False)
+class Hysteresis(Gate):
+    """A gate with two given thresholds."""
+
+    x: Block
+    on: float
+    off: float
+
+    def check(self):
+        if not self.off <= self.on:
+            raise BadValue(f"hysteresis: off = {self.off:g} must not be above on = {self.on:g}")
+
+    def design(self, fs):
+        return GateParams(self.on, self.off), GateState(0.0)
+
+
+def hysteresis(x, on: float, off: float) -> Block:
+    """A gate that noise does not make chatter (a Schmitt trigger): it opens above one threshold and closes at another.
+
+    Parameters
+    ----------
+    x : Block
+    on, off : float
+        In the unit of x: open from where x rises above ``on`` until it falls to ``off`` or below.
+
+    Returns
+    -------
+    Block
+        0 or 1, without unit; closed at first.
+
+    Raises
+    ------
+    BadValue
+        off above on.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import hysteresis
+    >>> proc = stimlib.compile(stimlib.Scene({"g": hysteresis(stimlib.Input("x"), on=1.0, off=-1.0)}), fs=1000)
+    >>> proc.process(np.array([[0.0, 2.0, 0.5, -0.5, -1.0, 0.5]]))
+    array([[0., 1., 1., 1., 0., 0.]])
+    """
+    return Hysteresis(as_block(x), on, off)
 
 
 @dataclass(frozen=True, eq=False)

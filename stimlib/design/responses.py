@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import prototypes
+
 Numbers = Sequence[float] | np.ndarray
 ALIASES = np.arange(-300, 301)
 POINTS = 2001
@@ -62,6 +64,10 @@ def _db(tol_db: float) -> float:
 
 def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
     return np.abs(H)
+
+
+def _largest(h: np.ndarray) -> np.ndarray:
+    return np.full(h.shape, np.abs(h).max())
 
 
 # Noise -------------------------------------------------------------------------------------------------------------------
@@ -125,7 +131,84 @@ def sum_of(taps: Numbers) -> Law:
         return sum(h * np.exp(-2j * np.pi * f * k / fs) for k, h in enumerate(taps))
 
     tol = max(1e-12, 2e-15 * len(taps))
-    return Law(below_nyquist, law, tol, f"sum of {len(taps)} taps", size=lambda h: np.full(h.shape, np.abs(h).max()))
+    return Law(below_nyquist, law, tol, f"sum of {len(taps)} taps", size=_largest)
+
+
+def mean_of(n: int) -> Law:
+    """Mean of n samples: a ratio of sines (Dirichlet's kernel) behind half their time."""
+
+    def law(f, fs):
+        half = np.pi * f / fs
+        return np.sin(n * half) / (n * np.sin(half)) * np.exp(-1j * (n - 1) * half)
+
+    return Law(whole_band(200), law, 1e-12, f"mean of {n} samples", size=_largest)
+
+
+def biquads(rows: np.ndarray) -> Law:
+    """Polynomials in 1/z, relative to the largest value they have."""
+
+    def law(f, fs):
+        z = np.exp(2j * np.pi * f / fs)
+        return np.prod([np.polyval(r[:3], z) / np.polyval(r[3:], z) for r in rows], axis=0)
+
+    text = f"{len(rows)} second-order sections"
+    return Law(below_nyquist, law, 1e-9, text, size=_largest)
+
+
+def resonance(freq: float, q: float, passes: Sequence[float]) -> Law:
+    """(m2 s^2 + m1 s/q + m0)/(s^2 + s/q + 1) at s = i tan(pi f/fs)/tan(pi freq/fs)."""
+    m2, m1, m0 = passes
+
+    def law(f, fs):
+        s = 1j * np.tan(np.pi * f / fs) / math.tan(math.pi * freq / fs)
+        return (m2 * s * s + m1 * s / q + m0) / (s * s + s / q + 1)
+
+    return Law(whole_band(200), law, 1e-10, f"resonance at {freq:g} Hz, q = {q:g}", size=_largest)
+
+
+def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float) -> Law:
+    """Gain of a filter of one of four families: that of its prototype, whose edge is 1, at the frequency that f becomes.
+
+    That is x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a high-pass, and between two edges
+    (t^2 - t1 t2)/(t (t2 - t1)), the inverse for a band-stop.
+    """
+
+    def law(f, fs):
+        t, edge = np.tan(np.pi * f / fs), [math.tan(math.pi * e / fs) for e in edges]
+        with np.errstate(divide="ignore"):
+            x = t / edge[0] if len(edge) == 1 else (t - edge[0] * edge[1] / t) / (edge[1] - edge[0])
+            x = np.clip(1 / x if band in ("highpass", "bandstop") else x, -1e12, 1e12)
+        return prototypes.GAINS[kind](x, order, ripple, attenuation)
+
+    def below(fs):
+        return np.geomspace(edges[0] / 30, 0.45 * fs, POINTS)
+
+    def gain(H, f, fs):
+        return np.abs(H)
+
+    return Law(below, law, 1e-9, f"{kind} {band} of order {order}", gain, _largest, shapes=True)
+
+
+def ring(freq: float, decay: float, onset: str) -> Law:
+    """exp(-t/decay) sin(2 pi freq t), or cos, at the samples: their sum, until nothing is left."""
+
+    def law(f, fs):
+        n = np.arange(int(40 * decay * fs) + 2)
+        turn = 2 * np.pi * (freq * n / fs % 1)
+        h = np.exp(-n / (decay * fs)) * (np.sin(turn) if onset == "sine" else np.cos(turn))
+        return np.array([np.sum(h * np.exp(-2j * np.pi * (v * n / fs % 1))) for v in f])
+
+    return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=_largest)
+
+
+def band_noise(low: float, high: float, psd: float, order: int) -> Law:
+    """White noise of unit variance, one-sided PSD 2/fs, becomes psd between two edges."""
+    band = family("bandpass", (low, high), order, "butterworth", 1.0, 60.0)
+
+    def law(f, fs):
+        return math.sqrt(psd * fs / 2) * band.law(f, fs)
+
+    return band._replace(law=law, text=f"S = {psd:.4g} from {low:g} to {high:g} Hz")
 
 
 def velocity(cutoff: float) -> Law:
@@ -202,6 +285,15 @@ def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
         return j0 + lags + fluidity / fs * (1 / d - 0.5)
 
     return Law(whole_band(40), law, 1e-7, f"{len(j)} Kelvin-Voigt elements in series")
+
+
+def integral(leak: float) -> Law:
+    """1/(i w + leak) of straight lines between samples; without a leak the trapezoidal rule."""
+
+    def law(f, fs):
+        return ramp_invariant(1 / leak).law(f, fs) / leak if leak else (1 / difference(f, fs) - 0.5) / fs
+
+    return Law(whole_band(40), law, 1e-7, f"integral with a leak of {leak:g} 1/s")
 
 
 def running_sum() -> Law:

@@ -22,14 +22,16 @@ from ...blocks.bump import sinpi
 from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.creep import KelvinChain
 from ...blocks.delay import Delay
+from ...blocks.filters import Cascade
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
+from ...blocks.transients import Grain, Ring
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
-from . import traced
+from . import signalforms, traced
 from .recurrence import SHORT
 
 TILE = 64  # samples per row of a matrix product
@@ -143,6 +145,10 @@ def latest(mark: Any) -> Any:
 def fir(b, p, s, x, run):
     taps = p.taps[::-1][: int(p.order) + 1]
     return taps_tiles(taps, spread(x[0], run.n))
+
+
+def grain(b, p, s, x, run):
+    return taps_tiles(p.shape, spread(x[0], run.n))
 
 
 def modes(b, p, s, x, run):
@@ -477,6 +483,7 @@ def carrier(b, p, s, x, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
+    Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,

@@ -1,0 +1,17 @@
+"""
+Filters
+=======
+
+A noise between 100 and 300 Hz, and one whose band sweeps. See :doc:`/reference/blocks/filters`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.blocks import bandpass, svf, white_noise
+from stimlib.motion.generators import constant_speed
+
+sweep = svf(white_noise(seed=2), stimlib.Input("f", "Hz"), q=20, mode="bandpass")
+scene = stimlib.Scene({"band": bandpass(white_noise(seed=1), 100, 300, order=4), "sweep": sweep})
+result = stimlib.render(scene, {"f": constant_speed(300.0, 900.0)}, fs=8000, seconds=2.5)
+listen(result, "sweep", "sweep.wav")
+figure = result.plot()

@@ -1,0 +1,18 @@
+"""
+What events make
+================
+
+Every 0.25 s a ring, a grain and a burst of noise. See :doc:`/reference/blocks/transients`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.blocks import bandpass, burst, every, grain, ring, white_noise
+
+beat = every(0.25)
+noise = bandpass(white_noise(seed=1), 100, 300, order=4)
+outputs = {"ring": ring(beat, 150, decay=0.02), "grain": grain(beat, [1.0, -0.5, 0.2], rate=400.0)}
+scene = stimlib.Scene({**outputs, "burst": noise * burst(beat, duration=0.1, ramp=0.02)})
+result = stimlib.render(scene, {}, fs=8000, seconds=1.0)
+listen(result, "ring", "rings.wav")
+figure = result.plot()

@@ -1,0 +1,396 @@
+"""Events: signals that are 0 except at the sample where something happens; the height is its strength."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import units as un
+from ..core.graph import NONE, ONE, Abs, Block, Compare, Const, Div, Mul, Neg, Param, as_block, positive, same_unit
+from ..core.maths import floor, where
+from ..errors import BadValue
+from .gate import Gate
+from .impedance import with_unit
+
+U = np.uint64
+
+
+class Event(Block, abstract=True):
+    """Not 0 only where something happens."""
+
+
+def is_event(b: Block) -> bool:
+    """Whether a signal is known to be an event: a block that makes them, or one of those scaled."""
+    todo, seen = [b], {id(b)}
+    while todo:
+        b = todo.pop()
+        if isinstance(b, Event):
+            return True
+        if isinstance(b, (Mul, Neg, Abs, Div)):
+            some = b.children[:1] if isinstance(b, Div) else b.children
+            todo += [c for c in some if id(c) not in seen]
+            seen |= {id(c) for c in some}
+    return False
+
+
+def as_event(name: str, v) -> Block:
+    """A signal that may be an event; BadValue where it is known to last."""
+    b = as_block(v)
+    if isinstance(b, (Const, Param, Compare, Gate, Count, SampleAndHold)):
+        raise BadValue(f"{name}: {b!r} is no event, it lasts; use rising(..) of it, or every(..), at(..) or crossing(..)")
+    return b
+
+
+def as_signal(name: str, v, remedy: str) -> Block:
+    """A signal that lasts; BadValue, with a remedy, where it is known to be an event."""
+    b = as_block(v)
+    if is_event(b):
+        raise BadValue(f"{name}: {b!r} is an event, of one sample; {remedy}")
+    return b
+
+
+def in_unit_of(x: Block, v) -> Block:
+    """A number gets the unit of x."""
+    return as_block(v) if x.dim == un.ONE else with_unit(v, str(x.dim))
+
+
+# Where they come from --------------------------------------------------------------------------------------------------
+class EdgeParams(NamedTuple):
+    sign: float  # 1: rising, -1: falling
+
+
+class EdgeState(NamedTuple):
+    above: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Edge(Event):
+    """1 at the sample where x passes a threshold one way; nan is where x was."""
+
+    x: Block
+    threshold: Block
+    up: bool
+
+    def units(self, *u):
+        same_unit("compare", self.x, self.threshold, *u)
+        return un.ONE
+
+    def design(self, fs):
+        return EdgeParams(1.0 if self.up else -1.0), EdgeState(0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, x, threshold):
+        d = x - threshold
+        above = where(d == d, where(d > 0.0, 1.0, 0.0), s.above)
+        passed = where(s.cold > 0.0, 0.0, p.sign * (above - s.above))
+        return where(passed > 0.0, 1.0, 0.0), EdgeState(above, where(d == d, 0.0, s.cold))
+
+
+def rising(x, threshold=0.0) -> Block:
+    """An event where a signal comes above a threshold.
+
+    Parameters
+    ----------
+    x : Block
+        A gate, a comparison or any signal; noise near the threshold makes many events: see ``hysteresis`` and ``once_within``.
+    threshold : float or Block
+        In the unit of x.
+
+    Returns
+    -------
+    Block
+        1 at each sample where x is above and was not, else 0; not at the first sample.
+
+    Raises
+    ------
+    BadValue
+        An event in place of a signal.
+    UnitError
+        A threshold in another unit.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import falling, rising
+    >>> x = stimlib.Input("x")
+    >>> proc = stimlib.compile(stimlib.Scene({"up": rising(x, 0.5), "down": falling(x, 0.5)}), fs=1000)
+    >>> proc.process(np.array([[0.0, 1.0, 1.0, 0.5, 0.7]]))
+    array([[0., 1., 0., 0., 1.],
+           [0., 0., 0., 1., 0.]])
+    """
+    x = as_signal("rising", x, "use it as it is")
+    return Edge(x, in_unit_of(x, threshold), True)
+
+
+def falling(x, threshold=0.0) -> Block:
+    """An event where a signal comes down to a threshold, or below it; see ``rising``.
+
+    Parameters
+    ----------
+    x : Block
+    threshold : float or Block
+        In the unit of x.
+
+    Returns
+    -------
+    Block
+        1 at each sample where x is not above and was, else 0.
+
+    Examples
+    --------
+    >>> from stimlib import Input
+    >>> from stimlib.blocks import falling
+    >>> falling(Input("contact"), 0.5)
+    Edge(Input('contact'), Const(0.5), up=False)
+    """
+    x = as_signal("falling", x, "use it as it is")
+    return Edge(x, in_unit_of(x, threshold), False)
+
+
+class CrossingParams(NamedTuple):
+    spacing: float
+    half: float  # half the hysteresis, in spacings
+    split: float
+
+
+class CrossingState(NamedTuple):
+    cell: float
+    last: float  # x/spacing
+    carry: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing(Event):
+    """The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u = x/spacing: a play between place and cell.
+
+    The event is how many cells it has moved.
+    """
+
+    x: Block
+    spacing: float
+    hysteresis: float
+    split: bool
+
+    def check(self):
+        positive(self, "spacing")
+        if not self.hysteresis >= 0:
+            raise BadValue(f"crossing: hysteresis = {self.hysteresis:g} must be 0 or above")
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        p = CrossingParams(self.spacing, 0.5 * self.hysteresis / self.spacing, float(self.split))
+        return p, CrossingState(0.0, 0.0, 0.0, 1.0)
+
+    def delay(self, p):
+        return p.split
+
+    @staticmethod
+    def step(p, s, x):
+        u = x / p.spacing
+        good = where(u - u == 0.0, 1.0, 0.0)
+        low, high = floor(u - p.half), floor(u + p.half)
+        held = where(s.cell < low, low, where(s.cell > high, high, s.cell))
+        cell = where(good > 0.0, where(s.cold > 0.0, floor(u), held), s.cell)
+        n = where(s.cold > 0.0, 0.0, cell - s.cell)
+        # the lines passed lie, in the mean, at the middle of both cells; which part of the sample was gone there
+        line = 0.5 * (s.cell + cell + 1.0) + where(n > 0.0, p.half, -p.half)
+        part = (line - s.last) / where(u == s.last, 1.0, u - s.last)
+        later = p.split * n * where(part > 0.0, where(part < 1.0, part, 1.0), 0.0)
+        later = where(n == 0.0, 0.0, later)
+        after = CrossingState(cell, where(good > 0.0, u, s.last), later, where(good > 0.0, 0.0, s.cold))
+        return s.carry + (n - later), after
+
+
+def crossing(x, spacing: float, hysteresis: float = 0.0, split: bool = False) -> Block:
+    """An event at every line that a position passes: lines at the multiples of a spacing.
+
+    Parameters
+    ----------
+    x : Block
+    spacing : float
+        Distance of the lines, in the unit of x.
+    hysteresis : float
+        How far x must come back over a line to pass it again, in the unit of x: twice the step of an encoder, and a position
+        that toggles between two codes passes a line once.
+    split : bool
+        Share each event between two samples, so that their mean is the time of the passage, one sample later.  A texture of
+        rings then has 26 dB less noise between its lines; what counts, holds or restarts wants whole events.
+
+    Returns
+    -------
+    Block
+        The number of lines passed in this sample, negative on the way back; 0 at the first.
+
+    Raises
+    ------
+    BadValue
+        A spacing not above 0; a hysteresis below 0; an event in place of a signal.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import crossing
+    >>> proc = stimlib.compile(stimlib.Scene({"y": crossing(stimlib.Input("x", "m"), 0.005, hysteresis=1e-4)}), fs=1000)
+    >>> proc.process(np.array([[0.0, 0.004, 0.0051, 0.00499, 0.0121, 0.0049]])) + 0.0
+    array([[ 0.,  0.,  1.,  0.,  1., -2.]])
+    """
+    return Crossing(as_signal("crossing", x, "give a position"), spacing, hysteresis, split)
+
+
+# What is done with them ------------------------------------------------------------------------------------------------
+class Total(NamedTuple):
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class Count(Block):
+    """The sum of all events so far."""
+
+    event: Block
+
+    def design(self, fs):
+        return (), Total(0.0)
+
+    @staticmethod
+    def step(p, s, event):
+        y = s.y + event
+        return y, Total(y)
+
+
+def count(event) -> Block:
+    """How often something has happened: the sum of the heights of all events.
+
+    Parameters
+    ----------
+    event : Block
+
+    Returns
+    -------
+    Block
+        In the unit of event, this sample's included.
+
+    Raises
+    ------
+    BadValue
+        What is known to be no event.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import count, rising
+    >>> proc = stimlib.compile(stimlib.Scene({"y": count(rising(stimlib.Input("x")))}), fs=1000)
+    >>> proc.process(np.array([[0.0, 1.0, 0.0, 1.0, 1.0]]))
+    array([[0., 1., 1., 2., 2.]])
+    """
+    return Count(as_event("count", event))
+
+
+@dataclass(frozen=True, eq=False)
+class SampleAndHold(Block):
+    """x at the last event; 0 before the first."""
+
+    x: Block
+    event: Block
+
+    def design(self, fs):
+        return (), Total(0.0)
+
+    @staticmethod
+    def step(p, s, x, event):
+        y = where(event == 0.0, s.y, x)
+        return y, Total(y)
+
+
+def sample_and_hold(x, event) -> Block:
+    """What a signal was when something happened last.
+
+    Parameters
+    ----------
+    x : Block
+    event : Block
+        Of any height but 0.
+
+    Returns
+    -------
+    Block
+        In the unit of x; 0 before the first event.
+
+    Raises
+    ------
+    BadValue
+        What is known to be no event.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import rising, sample_and_hold
+    >>> x, button = stimlib.Input("x"), stimlib.Input("button")
+    >>> proc = stimlib.compile(stimlib.Scene({"y": sample_and_hold(x, rising(button))}), fs=1000)
+    >>> proc.process(np.array([[1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 0.0, 1.0]]))
+    array([[0., 2., 2., 4.]])
+    """
+    return SampleAndHold(as_block(x), as_event("sample_and_hold", event))
+
+
+class Wait(NamedTuple):
+    samples: float
+
+
+class Left(NamedTuple):
+    left: np.uint64  # samples in which nothing passes
+
+
+@dataclass(frozen=True, eq=False)
+class OnceWithin(Event):
+    """An event passes, and then none for n - 1 samples; what comes then is lost and does not prolong it."""
+
+    event: Block
+    refractory: float
+
+    def check(self):
+        positive(self, "refractory")
+
+    def design(self, fs):
+        return Wait(float(min(max(1, round(self.refractory * fs)), 2**62))), Left(NONE)
+
+    @staticmethod
+    def step(p, s, event):
+        passed = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
+        left = where(passed > 0.0, U(p.samples), s.left)
+        return where(passed > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
+
+
+def once_within(event, refractory: float) -> Block:
+    """Events at a distance: after each, none passes for a while.
+
+    Parameters
+    ----------
+    event : Block
+    refractory : float
+        In s.
+
+    Returns
+    -------
+    Block
+        In the unit of event.
+
+    Raises
+    ------
+    BadValue
+        A time not above 0; what is known to be no event.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import once_within
+    >>> proc = stimlib.compile(stimlib.Scene({"y": once_within(stimlib.Input("event"), 0.003)}), fs=1000)
+    >>> proc.process(np.array([[1.0, 2.0, 0.0, 3.0, 4.0]]))
+    array([[1., 0., 0., 3., 0.]])
+    """
+    return OnceWithin(as_event("once_within", event), refractory)

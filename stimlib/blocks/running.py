@@ -1,0 +1,226 @@
+"""Running sums, means and levels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.bounds import limits
+from ..core.graph import Block, as_block
+from ..core.maths import TINY, flush, fma, where
+from ..core.response import backward
+from ..core.units import unit
+from ..design import responses
+from ..errors import BadValue
+from .events import as_signal
+from .fir import Fir, line
+
+
+class IntegralParams(NamedTuple):
+    leak: float  # 1 - exp(-leak/fs)
+    now: float
+    before: float
+
+
+class IntegralState(NamedTuple):
+    y: float
+    low: float  # what rounding took from y
+    last: float
+
+
+@dataclass(frozen=True, eq=False)
+class Integrate(Block):
+    """y' = x - leak y, exact for inputs that are straight between samples, T = 1/fs, a = leak T:
+
+    y[n] = exp(-a) y[n-1] + T (w0 x[n] + w1 x[n-1]),  w0 = (1 - m)/a,  w1 = (m - exp(-a))/a,  m = (1 - exp(-a))/a;
+    without a leak w0 = w1 = 1/2, the trapezoidal rule.
+    """
+
+    x: Block
+    leak: float
+
+    def check(self):
+        if not self.leak >= 0:
+            raise BadValue(f"integrate: leak = {self.leak:g} 1/s must be 0 or above")
+
+    def units(self, *u):
+        return u[0] * unit("s")
+
+    def design(self, fs):
+        a = self.leak / fs
+        if a < 1:  # by series, where the others cancel
+            terms = [(-a) ** k / math.factorial(k + 2) for k in range(18)]
+            now, before = math.fsum(terms), math.fsum((k + 1) * v for k, v in enumerate(terms))
+        else:
+            m = -math.expm1(-a) / a
+            now, before = (1 - m) / a, (m - math.exp(-a)) / a
+        return IntegralParams(-math.expm1(-a), now / fs, before / fs), IntegralState(0.0, 0.0, 0.0)
+
+    def laws(self, fs):
+        return (responses.integral(self.leak),)
+
+    @staticmethod
+    def step(p, s, x):
+        t = fma(-p.leak, s.y, fma(p.now, x, fma(p.before, s.last, TINY))) + s.low
+        y = s.y + t
+        return flush(y), IntegralState(y, t - (y - s.y), x)
+
+    @staticmethod
+    def transfer(p, z):
+        return (p.now + p.before / z) / (backward(z) + p.leak / z)
+
+    def delay(self, p):
+        """Group delay at 0 Hz; without a leak there is none."""
+        return p.before / (p.now + p.before) + (1 - p.leak) / p.leak if p.leak else 0.0
+
+
+def integrate(x, leak: float = 0.0) -> Block:
+    """Integral over time, exact for a signal that is straight between its samples; starts at 0.
+
+    The sum has a second word, so after hours it is as exact as at first.
+
+    Parameters
+    ----------
+    x : Block
+    leak : float
+        In 1/s: the integral forgets as exp(-leak t), and a constant ends at x/leak.
+
+    Returns
+    -------
+    Block
+        In the unit of x times seconds.
+
+    Raises
+    ------
+    BadValue
+        A leak below 0; an event, which ``count`` adds up.
+
+    References
+    ----------
+    Oppenheim and Schafer, "Discrete-Time Signal Processing" (2010), section 7.2; ramp invariance in place of impulse invariance.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import integrate
+    >>> proc = stimlib.compile(stimlib.Scene({"x": integrate(stimlib.Input("v", "m/s"))}), fs=4)
+    >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
+    (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
+    """
+    return Integrate(as_signal("integrate", x, "add them up with count(..)"), leak)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingAverage(Fir):
+    """Equal taps."""
+
+    x: Block
+    seconds: float
+
+    def design(self, fs):
+        limits.check("state_bytes", 8 * self.seconds * fs, f"moving_average: bytes of its samples at fs = {fs:g} Hz")
+        n = round(self.seconds * fs)
+        if n < 1:
+            raise BadValue(f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
+        return line(np.full(n, 1 / n))
+
+    def laws(self, fs):
+        return (responses.mean_of(round(self.seconds * fs)),)
+
+
+def moving_average(x, seconds: float) -> Block:
+    """Mean over the last seconds, rounded to whole samples; before the first sample x counts as 0.
+
+    It is a FIR filter with equal taps: nothing adds up over time, and its cost grows with the number of samples (30 ns for 800).
+    ``integrate`` with a leak or ``lowpass`` cost the same for any time.
+
+    Parameters
+    ----------
+    x : Block
+    seconds : float
+
+    Returns
+    -------
+    Block
+        In the unit of x, half the time later.
+
+    Raises
+    ------
+    BadValue
+        At compile time: less than half a sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import moving_average
+    >>> proc = stimlib.compile(stimlib.Scene({"y": moving_average(stimlib.Input("x"), 0.004)}), fs=1000)
+    >>> proc.process(np.array([[4.0, 4.0, 4.0, 4.0, 4.0, 0.0]]))
+    array([[1., 2., 3., 4., 4., 3.]])
+    """
+    return MovingAverage(as_block(x), seconds)
+
+
+class FollowerParams(NamedTuple):
+    up: float
+    down: float
+
+
+class FollowerState(NamedTuple):
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class Follower(Block):
+    """y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y, else the release."""
+
+    x: Block
+    attack: float
+    release: float
+
+    def check(self):
+        for name in ("attack", "release"):
+            if not getattr(self, name) >= 0:
+                raise BadValue(f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above")
+
+    def design(self, fs):
+        up, down = (-math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0 for t in (self.attack, self.release))
+        return FollowerParams(up, down), FollowerState(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        d = abs(x) - s.y
+        y = s.y + fma(where(d > 0.0, p.up, p.down), d, TINY)
+        return flush(y), FollowerState(y)
+
+
+def envelope_follower(x, attack: float = 0.001, release: float = 0.05) -> Block:
+    """Level of a vibration: it rises to \\|x\\| with one time constant and falls with another.
+
+    Parameters
+    ----------
+    x : Block
+    attack, release : float
+        Time constants in s; 0 is at once.
+
+    Returns
+    -------
+    Block
+        In the unit of x, 0 or above; starts at 0.
+
+    Raises
+    ------
+    BadValue
+        A time below 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import envelope_follower
+    >>> proc = stimlib.compile(stimlib.Scene({"y": envelope_follower(stimlib.Input("x"), attack=0, release=0.01)}), fs=1000)
+    >>> proc.process(np.array([[0.0, -2.0, 0.0, 1.0]])).round(3)
+    array([[0.   , 2.   , 1.81 , 1.733]])
+    """
+    return Follower(as_block(x), attack, release)

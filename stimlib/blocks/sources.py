@@ -1,0 +1,262 @@
+"""What runs by itself: sweeps, recordings, and noise of a band."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import units as un
+from ..core.bounds import limits
+from ..core.graph import Block, positive
+from ..core.maths import as_float, exp, floor, fma, where
+from ..core.units import unit
+from ..design import responses
+from ..design.resample import resampled
+from ..errors import BadValue
+from .bump import sinpi
+from .carrier import two_words
+from .clock import Time
+from .filters import Cascade, Filter, below_half
+from .noise import white_noise
+
+U, INT = np.uint64, np.int64
+
+
+class ChirpParams(NamedTuple):
+    fs: float
+    n: float  # samples
+    a: float  # turns a sample at first, in two words
+    a_low: float
+    b: float  # half of what it grows by each sample, in two words
+    b_low: float
+    k: float  # of an exponential one: turns = k (exp(c n) - 1)
+    c: float
+
+
+CHIRPS = ("linear", "exponential")
+
+
+@dataclass(frozen=True, eq=False)
+class Chirp(Block):
+    """sin of 2 pi (a n + b n^2), or of 2 pi k (exp(c n) - 1), while it lasts."""
+
+    t: Block
+    f0: float
+    f1: float
+    seconds: float
+    kind: str
+
+    def check(self):
+        if self.kind not in CHIRPS:
+            raise BadValue(f"chirp: kind = {self.kind!r}; choose one of {', '.join(CHIRPS)}")
+        positive(self, "f0", "f1", "seconds")
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        below_half("chirp", fs, f0=self.f0, f1=self.f1)
+        f0, f1, rate = Fraction(self.f0), Fraction(self.f1), Fraction(fs)
+        a, b = two_words(f0 / rate), two_words((f1 - f0) / (2 * Fraction(self.seconds) * rate**2))
+        k = c = 0.0
+        if self.kind == "exponential" and self.f0 != self.f1:
+            c = math.log(self.f1 / self.f0) / (self.seconds * fs)
+            k = self.f0 / (fs * c)
+        return ChirpParams(fs, self.seconds * fs, *a, *b, k, c), ()
+
+    @staticmethod
+    def step(p, s, t):
+        n = floor(t * p.fs + 0.5)
+        rise = p.b * n
+        rate = p.a + rise
+        grown = rate - p.a
+        took = (p.a - (rate - grown)) + (rise - grown)  # what rounding took from the sum
+        small = took + (fma(p.b, n, -rise) + (p.a_low + p.b_low * n))
+        turns = rate * n
+        linear = (turns - floor(turns)) + (fma(rate, n, -turns) + small * n)
+        x = where(p.k == 0.0, linear, p.k * (exp(p.c * n) - 1.0)) + 0.25
+        z = x - floor(x)
+        y = sinpi(where(z < 0.5, 2.0 * z - 0.5, 1.5 - 2.0 * z))
+        return where(n >= 0.0, where(n < p.n, y, 0.0), 0.0), s
+
+
+def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
+    """A sine whose frequency sweeps, from sample 0 on; then 0.
+
+    Parameters
+    ----------
+    f0, f1 : float
+        Frequency at the start and the end in Hz.
+    seconds : float
+        How long it lasts.
+    kind : {"linear", "exponential"}
+        The frequency, or its logarithm, changes evenly.
+
+    Returns
+    -------
+    Block
+        Without unit, between -1 and 1.
+
+    Raises
+    ------
+    BadValue
+        A number not above 0, an unknown kind; at compile time, a frequency not below fs/2.
+
+    Notes
+    -----
+    Its phase is computed from the sample's index, nothing adds up: a linear sweep is exact to 1e-15 turns for days (with JAX, and
+    an exponential one anywhere, to 1e-15 of its turns).
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import chirp
+    >>> proc = stimlib.compile(stimlib.Scene({"y": chirp(10, 50, seconds=1.0)}), fs=1000)
+    >>> y = proc.process(np.empty((0, 1001)))[0]
+    >>> np.sum(np.diff(np.sign(y[1:-1])) != 0), y[-1]  # half periods: 2 x 30 Hz
+    (np.int64(60), np.float64(0.0))
+    """
+    return Chirp(Time(), f0, f1, seconds, kind)
+
+
+class PlaybackParams(NamedTuple):
+    fs: float
+    samples: np.ndarray
+    loop: float
+
+
+@dataclass(frozen=True, eq=False)
+class Playback(Block):
+    """The sample of the index."""
+
+    t: Block
+    samples: np.ndarray
+    rate: float
+    loop: bool
+    unit: str
+
+    def check(self):
+        if self.samples.ndim != 1 or not self.samples.size:
+            raise BadValue(f"playback: samples must be one row of numbers, got shape {self.samples.shape}")
+        positive(self, "rate")
+
+    def units(self, *u):
+        return unit(self.unit)
+
+    def design(self, fs):
+        limits.check("state_bytes", 8 * self.samples.size * fs / self.rate, f"playback: bytes of its samples at fs = {fs:g} Hz")
+        return PlaybackParams(fs, resampled(self.samples, fs / self.rate), float(self.loop)), ()
+
+    @staticmethod
+    def step(p, s, t):
+        size = as_float(U(p.samples.size))
+        n = floor(t * p.fs + 0.5)
+        k = where(p.loop > 0.0, n - size * floor(n / size), n)
+        inside = where(n >= 0.0, where(k < size, 1.0, 0.0), 0.0)
+        return where(inside > 0.0, p.samples[INT(where(inside > 0.0, k, 0.0))], 0.0), s
+
+
+def playback(samples, rate: float, loop: bool = False, unit: str = "") -> Block:
+    """A recording, from sample 0 on; at another sample rate it is interpolated with a band limit.
+
+    What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of it is gone.  ``grain`` plays a recording
+    at each event.
+
+    Parameters
+    ----------
+    samples : array_like, shape (n,)
+    rate : float
+        Their sample rate in Hz.
+    loop : bool
+        Again and again; the length of a loop is rounded up to whole samples of fs.
+    unit : str
+        Of the samples.
+
+    Returns
+    -------
+    Block
+        0 after the end.
+
+    Raises
+    ------
+    BadValue
+        No samples, or none that are finite; a rate not above 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import playback
+    >>> proc = stimlib.compile(stimlib.Scene({"y": playback([1.0, 2.0, 3.0], rate=1000, loop=True)}), fs=1000)
+    >>> proc.process(np.empty((0, 5)))
+    array([[1., 2., 3., 1., 2.]])
+    """
+    return Playback(Time(), samples, rate, loop, unit)
+
+
+@dataclass(frozen=True, eq=False)
+class BandNoise(Cascade):
+    """White noise, whose one-sided PSD is 2/fs, through Butterworth's band-pass and sqrt(psd fs/2)."""
+
+    white: Block
+    low: float
+    high: float
+    psd: float
+    order: int
+
+    def check(self):
+        positive(self, "psd")
+        self._filter()
+
+    def _filter(self) -> Filter:
+        return Filter(self.white, "bandpass", self.low, self.high, self.order, "butterworth", 1.0, 60.0)
+
+    def design(self, fs):
+        p, s = self._filter().design(fs)
+        gain = math.sqrt(self.psd * fs / 2)
+        first = np.r_[gain, np.ones(p.a.size - 1)]  # in the first section
+        return p._replace(h0=first * p.h0, e1=first * p.e1, e0=first * p.e0), s
+
+    def laws(self, fs):
+        return (responses.band_noise(self.low, self.high, self.psd, self.order),)
+
+
+def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, order: int = 4, shared: bool = False) -> Block:
+    """Noise between two frequencies, with a level that no sample rate changes.
+
+    Parameters
+    ----------
+    low, high : float
+        Edges in Hz, where the PSD is half.
+    psd : float
+        One-sided power spectral density between them, in units^2/Hz: its mean square is nearly psd (high - low).
+    seed, stream : int
+        Key of its white noise.
+    order : int
+        Of each flank, as of ``bandpass``.
+    shared : bool
+        See ``white_noise``.
+
+    Returns
+    -------
+    Block
+        Without unit.  It begins at rest 32 ms before sample 0, and has its level after some 1/(high - low) seconds.
+
+    Raises
+    ------
+    BadValue
+        As of ``bandpass``; psd not above 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import band_noise
+    >>> proc = stimlib.compile(stimlib.Scene({"y": band_noise(100, 300, psd=1e-2, seed=1)}), fs=8000)
+    >>> y = proc.process(np.empty((0, 80000)))[0]
+    >>> bool(abs(np.mean(y**2) / (1e-2 * 200) - 1) < 0.1)
+    True
+    """
+    return BandNoise(white_noise(seed, stream, shared), low, high, psd, order)

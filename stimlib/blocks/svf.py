@@ -1,0 +1,272 @@
+"""Resonances of one section: fixed ones, and one whose frequency and quality are signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import pi, tan
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import units as un
+from ..core.graph import Block, Const, Param, as_block, positive
+from ..core.maths import TINY, flush, fma, where
+from ..core.units import unit
+from ..design import responses
+from ..design.sections import sections
+from ..errors import BadValue, UnitError
+from .bump import regular, sinpi
+from .filters import Cascade, below_half, cascade
+from .impedance import with_unit
+
+U = np.uint64
+
+MODES = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "notch": (1, 0, 1)}
+"""What passes, as factors of s^2, s g/q and g^2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resonator(Cascade):
+    """One section: what passes over s^2 + s g/q + g^2, g = tan(pi freq/fs)."""
+
+    x: Block
+    freq: float
+    q: float
+    mode: str
+
+    def check(self):
+        positive(self, "freq", "q")
+        if self.mode not in MODES:
+            raise BadValue(f"resonator: mode = {self.mode!r}; choose one of {', '.join(MODES)}")
+
+    def design(self, fs):
+        (r,) = below_half("notch" if self.mode == "notch" else "resonator", fs, freq=self.freq)
+        g = Fraction(tan(pi * r))
+        bottom = Fraction(1), g / Fraction(self.q), g * g
+        top = [m * v for m, v in zip(MODES[self.mode], bottom, strict=True)]
+        return cascade(sections([(top, bottom)]), {"bandpass": r, "highpass": 0.5}.get(self.mode, 0.0))
+
+    def laws(self, fs):
+        return (responses.resonance(self.freq, self.q, MODES[self.mode]),)
+
+
+def resonator(x, freq: float, q: float) -> Block:
+    """A mode that rings: what is near its frequency, with gain 1 there.
+
+    Parameters
+    ----------
+    x : Block
+    freq : float
+        Hz.
+    q : float
+        Quality, freq over the width between the two frequencies where the gain is -3 dB.  It rings with a time constant of
+        q/(pi freq) seconds.
+
+    Returns
+    -------
+    Block
+        In the unit of x; starts at rest.
+
+    Raises
+    ------
+    BadValue
+        freq or q not above 0; at compile time, freq not below fs/2.
+
+    See Also
+    --------
+    svf : the same with a frequency and a quality that move.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import resonator
+    >>> proc = stimlib.compile(stimlib.Scene({"y": resonator(stimlib.Input("x"), 158, q=20)}), fs=8000)
+    >>> abs(proc.response("y", "x", np.array([79.0, 158, 162]))).round(3)
+    array([0.033, 1.   , 0.706])
+    """
+    return Resonator(as_block(x), freq, q, "bandpass")
+
+
+def notch(x, freq: float, q: float) -> Block:
+    """All but one frequency, such as a hum.
+
+    Parameters
+    ----------
+    x : Block
+    freq : float
+        What is taken away, in Hz.
+    q : float
+        freq over the width between the two frequencies where the gain is -3 dB.
+
+    Returns
+    -------
+    Block
+        In the unit of x; starts at rest.
+
+    Raises
+    ------
+    BadValue
+        freq or q not above 0; at compile time, freq not below fs/2.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import notch
+    >>> proc = stimlib.compile(stimlib.Scene({"y": notch(stimlib.Input("x"), 50, q=10)}), fs=8000)
+    >>> abs(proc.response("y", "x", np.array([5.0, 50, 500]))).round(3)
+    array([1., 0., 1.])
+    """
+    return Resonator(as_block(x), freq, q, "notch")
+
+
+class SvfParams(NamedTuple):
+    per: float  # 1/fs
+    high: float  # what passes
+    band: float
+    low: float
+
+
+class SvfState(NamedTuple):
+    s1: float
+    s2: float
+
+
+LEAST = 1e-3
+"""Smallest quality of a signal."""
+
+
+class Turn(NamedTuple):
+    """Of a cutoff and a quality: halves of what the states get, and 1/q."""
+
+    a: float
+    c: float
+    d: float
+    k: float
+    wrong: float  # 0, or nan
+
+
+def turn(p, cutoff, q):
+    """Numbers of one sample."""
+    r = cutoff * p.per
+    r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
+    k = 1.0 / where(q > LEAST, q, LEAST)
+    si, co = sinpi(r), sinpi(0.5 - r)
+    sd = si / fma(k * si, co, 1.0)
+    return Turn(sd * co, sd * fma(k, co, si), sd * si, k, (cutoff + q) - (cutoff + q))
+
+
+def turned(p, t, s, x):
+    """The output and the new state."""
+    h = x - s.s2
+    low = s.s2 + fma(t.d, h, t.a * s.s1)
+    band = s.s1 + fma(t.a, h, -t.c * s.s1)
+    high = fma(-t.k, band, x - low)
+    y = flush(fma(p.high, high, fma(p.band * t.k, band, p.low * low)))
+    s1, s2 = s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY)), s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1)
+    return where(t.wrong == 0.0, y, t.wrong), SvfState(s1, s2)
+
+
+@dataclass(frozen=True, eq=False)
+class Svf(Block):
+    """As ``Resonator``, from this sample's g = tan(pi cutoff/fs) = s/c and k = 1/q, with D = c^2 (1 + k g + g^2) = 1 + k s c:
+
+    h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;  low = s2 + (s^2 h + s c s1)/D;  high = x - k band - low;
+    s1 -> 2 band - s1;  s2 -> 2 low - s2.
+    """
+
+    x: Block
+    cutoff: Block
+    q: Block
+    mode: str
+
+    def check(self):
+        if self.mode not in MODES:
+            raise BadValue(f"svf: mode = {self.mode!r}; choose one of {', '.join(MODES)}")
+        for name, v in (("cutoff", self.cutoff), ("q", self.q)):
+            if isinstance(v, (Const, Param)) and not v.value > 0:
+                raise BadValue(f"svf: {name} = {v.value!r} must be above 0")
+
+    def units(self, *u):
+        if u[1] != unit("Hz"):
+            raise UnitError(f"svf: cutoff {self.cutoff!r} [{u[1]}] must be in Hz")
+        if u[2] != un.ONE:
+            raise UnitError(f"svf: q {self.q!r} [{u[2]}] must have no unit")
+        return u[0]
+
+    def design(self, fs):
+        if isinstance(self.cutoff, (Const, Param)):
+            below_half("svf", fs, cutoff=self.cutoff.value)
+        return SvfParams(1 / fs, *map(float, MODES[self.mode])), SvfState(0.0, 0.0)
+
+    def laws(self, fs):
+        if isinstance(self.cutoff, Const) and isinstance(self.q, Const):
+            return (responses.resonance(self.cutoff.value, self.q.value, MODES[self.mode]),)
+        return ()
+
+    def fixed(self, *values):
+        cutoff, q = values
+        return Resonator(self.x, cutoff, q, self.mode) if cutoff > 0 and q > 0 else None
+
+    @staticmethod
+    def step(p, s, x, cutoff, q):
+        return turned(p, turn(p, cutoff, q), s, x)
+
+    @staticmethod
+    def tile(p, s, x, cutoff, q, y):
+        t = turn(p, cutoff[0], q[0])
+        moves = regular(cutoff) < U(y.size) or regular(q) < U(y.size)
+        for i in range(y.size):
+            if moves:
+                t = turn(p, cutoff[i], q[i])
+            y[i], s = turned(p, t, s, x[i])
+        return s
+
+
+def svf(x, cutoff, q=0.5**0.5, mode: str = "lowpass") -> Block:
+    """A state-variable filter: two poles whose frequency and quality may move at every sample, without a click.
+
+    It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q move.  See the notes.
+
+    Parameters
+    ----------
+    x : Block
+    cutoff : float or Block
+        Hz; a signal is held in 0 .. fs/2.
+    q : float or Block
+        Quality; 0.707 is Butterworth's filter.  A signal is held at 0.001 and above.
+    mode : {"lowpass", "bandpass", "highpass", "notch"}
+        What passes; the gain at the cutoff is q, 1, q and 0.
+
+    Returns
+    -------
+    Block
+        In the unit of x; starts at rest.
+
+    Raises
+    ------
+    BadValue
+        An unknown mode; a number or parameter not above 0; at compile time, a cutoff not below fs/2.
+    UnitError
+        A cutoff that is not in Hz, or a q with a unit.
+
+    Notes
+    -----
+    One sample is Cayley's step of s' = M s with M = ((-k, -1), (1, 0)) g.  From s' . s = -k g s1^2 <= 0 follows that the new
+    state is at most as long as the old one, for every g and every k >= 0.  The coefficients of other forms of the filter are
+    states of another filter as soon as the cutoff moves, and energy comes out of that change.
+
+    References
+    ----------
+    Zavalishin, "The Art of VA Filter Design" (2012), chapter 4; sines in place of the tangent, so fs/2 is no pole.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import svf
+    >>> sweep = svf(stimlib.Input("x"), stimlib.Input("f", "Hz"), q=5)
+    >>> proc = stimlib.compile(stimlib.Scene({"y": sweep}), fs=8000)
+    >>> proc.process(np.array([[1.0, 1.0, 1.0], [0.0, 500.0, 2000.0]])).round(3)
+    array([[0.   , 0.037, 0.662]])
+    """
+    return Svf(as_block(x), with_unit(cutoff, "Hz"), as_block(q), mode)

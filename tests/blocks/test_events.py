@@ -1,0 +1,219 @@
+"""Events and what they make, against what they are said to be."""
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, UnitError
+from stimlib import blocks as b
+from stimlib.blocks.clock import Every
+from stimlib.blocks.events import is_event
+from stimlib.design.resample import resampled
+
+X, E = Input("x"), Input("e")
+
+
+def run(block, *rows, fs=1000):
+    """Samples of a block over inputs, in their order; of one without, so many as given."""
+    proc = stimlib.compile(Scene({"y": block}), fs)
+    x = np.empty((0, rows[0])) if not proc.inputs else np.array(rows, float)
+    return proc.process(x)[0]
+
+
+def impulse(n, *at):
+    return np.isin(np.arange(n), at or (0,)).astype(float)
+
+
+# Lines -----------------------------------------------------------------------------------------------------------------
+def test_every_line_is_passed_once_each_way_at_any_speed():
+    x = [0.5, 0.5, 1.0, 1.0, 0.999, 0.94, 7.2, -3.3, -3.3, -3.3, 0.0, 5.0, 1e9]
+    y = run(b.crossing(X, 1.0, hysteresis=0.1), x)
+    assert y.tolist() == [0, 0, 0, 0, 0, 0, 7, -11, 0, 0, 3, 5, 1e9 - 5]
+    assert run(b.crossing(X, 1.0), x[:5]).tolist() == [0, 0, 1, 0, -1]
+
+
+def test_what_is_no_number_passes_no_line():
+    from stimlib.blocks.events import Crossing
+
+    p, s = b.crossing(X, 1.0).design(1000)
+    y = []
+    for x in (np.nan, 0.5, np.nan, 2.5):
+        v, s = Crossing.step(p, s, x)
+        y.append(v)
+    assert y == [0, 0, 0, 2]
+
+
+def test_a_position_that_toggles_between_codes_passes_a_line_once():
+    code = 1e-6 * (5000 + np.r_[-3:1, np.tile([0, -1], 50), 1:4])
+    assert np.abs(run(b.crossing(X, 0.005, hysteresis=2e-6), code)).sum() == 1
+    assert np.abs(run(b.crossing(X, 0.005), code)).sum() > 50
+
+
+def test_a_split_event_lies_where_the_line_was_passed():
+    """Its sum is the number of lines, its mean the time of the passage, one sample later; both ways, several at once."""
+    u = np.array([0.0, 0.25, 1.25, 1.0, 0.75, 3.75, 3.75, 3.5, 2.75, 2.75])
+    y = run(b.crossing(X, 1.0, split=True), u)
+    assert y.sum() == 2.0
+    np.testing.assert_allclose(y, [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3], atol=1e-15)
+
+
+# Times -----------------------------------------------------------------------------------------------------------------
+def test_events_at_times_are_at_the_nearest_sample():
+    assert np.flatnonzero(run(b.at([0.0, 0.0104, 0.0106, 0.0107]), 20)).tolist() == [0, 10, 11]
+    assert run(b.at([0.0106, 0.0107]), 20)[11] == 2.0
+    assert np.flatnonzero(run(b.every(0.0104), 40)).tolist() == [0, 10, 21, 31]
+
+
+def test_a_period_does_not_drift():
+    """A day at 48 kHz: each event is where it should be, none is lost and none comes twice."""
+    p, _ = b.every(1 / 158.3).design(48000)
+    k = np.arange(158.3 * 86400 - 300, 158.3 * 86400).astype(int)
+    wanted = np.floor(k * (48000 / 158.3) + 0.5)
+    n = np.arange(wanted[0], wanted[-1] + 1)
+    y = np.array([Every.step(p, (), v / 48000)[0] for v in n])
+    assert np.array_equal(n[y > 0], wanted)
+
+
+def test_a_timeline_meets_its_points():
+    points = [(0.0, 1.0), (0.1, 0.3), (0.1, -1.0), (0.3, 0.7)]
+    t = np.array([0, 50, 99, 100, 200, 299, 300, 399])
+    for kind, wanted in {
+        "linear": [1, 0.65, 0.307, -1, -0.15, 0.6915, 0.7, 0.7],
+        "step": [1, 1, 1, -1, -1, -1, 0.7, 0.7],
+        "cosine": [1, 0.65, 0.3 + 0.7 * np.sin(np.pi / 200) ** 2, -1, -0.15, 0.7 - 1.7 * np.sin(np.pi / 400) ** 2, 0.7, 0.7],
+    }.items():
+        y = run(b.timeline(points, kind), 400)
+        np.testing.assert_allclose(y[t], wanted, rtol=1e-14)
+        assert y[0] == 1.0 and y[100] == -1.0 and y[300] == 0.7, "exact at the points"
+    with pytest.raises(UnitError):
+        b.timeline(points, unit="N") + 1.0
+
+
+# What they make --------------------------------------------------------------------------------------------------------
+def test_rings_overlap_and_are_exact():
+    n = np.arange(4000)
+    heights = np.where(np.random.default_rng(0).random(4000) < 0.01, 1.3, 0.0)
+    for onset, wave in (("sine", np.sin), ("cosine", np.cos)):
+        h = np.exp(-n / 160) * wave(2 * np.pi * (250 * n / 8000 % 1))
+        y = run(b.ring(E, 250, 0.02, onset), heights, fs=8000)
+        assert np.abs(y - np.convolve(heights, h)[:4000]).max() < 4e-14
+
+
+def test_a_ring_whose_frequency_moves_only_decays():
+    from stimlib.blocks.transients import Ring, RingState
+
+    p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1.0)
+    rng, s = np.random.default_rng(1), RingState(1.0, 0.0)
+    for _ in range(2000):
+        before = np.hypot(s.re, s.im)
+        _, s = Ring.step(p, s, 0.0, rng.uniform(-0.1, 0.7), 10 ** rng.uniform(-1, 8))
+        assert np.hypot(s.re, s.im) <= before * (1 + 1e-15)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.002, 0.3])
+def test_grains_overlap_and_silence_is_zero(rate):
+    rng = np.random.default_rng(2)
+    shape, heights = rng.standard_normal(200), np.where(rng.random(1500) < rate, rng.standard_normal(1500), 0.0)
+    y = run(b.grain(E, shape, rate=1000), heights)
+    np.testing.assert_allclose(y, np.convolve(heights, shape)[:1500], rtol=0, atol=1e-13)
+    assert y.any() == bool(rate)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 44.1 / 48, 6.0])
+def test_a_recording_at_another_rate_keeps_its_waves(ratio):
+    n = np.arange(3000)
+    f = 0.42 * min(1, ratio)
+    k = np.arange(int(np.ceil(3000 * ratio)))
+    middle = slice(k.size // 4, 3 * k.size // 4)
+    error = resampled(np.cos(2 * np.pi * f * n), ratio) - np.cos(2 * np.pi * f * k / ratio)
+    assert np.abs(error)[middle].max() < 1e-5
+    above = 0.58 * ratio
+    assert above > 0.5 or np.abs(resampled(np.cos(2 * np.pi * above * n), ratio))[middle].max() < 1e-5
+
+
+def test_a_burst_is_symmetric_and_has_the_area_of_a_rectangle():
+    y = run(b.burst(E, 0.16, 0.04), 2.0 * impulse(400, 3))
+    assert np.array_equal(y[3:163], y[3:163][::-1]) and not y[:3].any() and not y[163:].any()
+    assert abs(y.sum() - 2.0 * (160 - 40)) < 1e-12
+    again = run(b.burst(E, 0.16, 0.04), impulse(400, 3, 50))
+    assert np.array_equal(again[50:210], y[3:163] / 2) and not again[210:].any()
+    assert run(b.burst(0.01, 0.005), 20).tolist() == [0.0] * 10 + [1.0] * 5 + [0.0] * 5
+
+
+def test_an_envelope_reaches_1_in_time_and_starts_again_from_where_it_is():
+    gate = np.r_[np.ones(50), np.zeros(10), np.ones(50), np.zeros(300)]
+    y = run(b.envelope(X, attack=0.01, decay=0.005, sustain=0.4, release=0.02), gate)
+    assert np.argmax(y == 1.0) == 9 and (np.diff(y[:10]) > 0).all()
+    np.testing.assert_allclose(y[9:50], 0.4 + 0.6 * np.exp(-np.arange(41) / 5), rtol=1e-12)
+    np.testing.assert_allclose(y[50:60], y[49] * np.exp(-np.arange(1, 11) / 20), rtol=1e-12)
+    assert y[60] > y[59] and y[60:110].max() == 1.0 and y[-1] < 1e-6
+
+
+def test_what_comes_soon_after_an_event_is_lost():
+    y = run(b.once_within(E, 0.01), np.ones(100))
+    assert np.flatnonzero(y).tolist() == list(range(0, 100, 10))
+    assert run(b.once_within(E, 1e-9), np.ones(5)).tolist() == [1] * 5
+
+
+# Words that do not fit -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("made", [lambda v: b.ring(v, 100, 0.1), lambda v: b.grain(v, [1.0], 8000), b.count])
+@pytest.mark.parametrize("lasts", [X > 0.5, b.hysteresis(X, 1, 0), 1.0, Param("p", 1.0), b.count(E)], ids=str)
+def test_what_lasts_is_no_event(made, lasts):
+    with pytest.raises(BadValue, match=r"(ring|grain|count): .* is no event, it lasts; use rising"):
+        made(lasts)
+
+
+@pytest.mark.parametrize(
+    ("made", "remedy"),
+    [(b.envelope, "hold it open with burst"), (b.integrate, "count"), (b.rising, "use it as it is"),
+     (lambda e: b.crossing(e, 1.0), "give a position")],
+)  # fmt: skip
+def test_an_event_does_not_last(made, remedy):
+    for event in (b.rising(X), -2.0 * b.every(0.1) * X, abs(b.once_within(E, 0.1)) / 3.0):
+        assert is_event(event)
+        with pytest.raises(BadValue, match=f"is an event, of one sample; .*{remedy}"):
+            made(event)
+    assert not is_event(2.0 / (1.0 + X)) and not is_event(X / b.rising(X))
+
+
+def test_a_deep_product_is_looked_through_once():
+    y = X
+    for _ in range(60):
+        y = y * y
+    assert not is_event(y)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "text"),
+    [
+        (lambda: b.crossing(X, 0.0), BadValue, "Crossing.spacing = 0.0 must be above 0"),
+        (lambda: b.crossing(X, 1.0, -1.0), BadValue, "hysteresis = -1 must be 0 or above"),
+        (lambda: b.hysteresis(X, 0.0, 1.0), BadValue, "off = 1 must not be above on = 0"),
+        (lambda: b.rising(Input("v", "m/s"), Input("w", "m")), UnitError, "cannot compare"),
+        (lambda: b.at([-1.0]), BadValue, "each 0 or above"),
+        (lambda: b.at([]), BadValue, "times must be one row"),
+        (lambda: b.timeline([(1, 0), (0, 1)]), BadValue, "0 s comes after 1 s"),
+        (lambda: b.timeline([1, 2]), BadValue, "points must be pairs"),
+        (lambda: b.timeline([(0, 1)], "cubic"), BadValue, "kind = 'cubic'; choose one of step"),
+        (lambda: b.ring(E, -1, 1), BadValue, "freq = -1 must be above 0"),
+        (lambda: b.ring(E, 100, Input("d")), UnitError, "decay .* must be in s"),
+        (lambda: b.ring(E, 100, 1, "square"), BadValue, "onset = 'square'; choose sine or cosine"),
+        (lambda: b.grain(E, [[1.0]], 8000), BadValue, "one row of numbers"),
+        (lambda: b.burst(E, 0.1, 0.06), BadValue, "ramp = 0.06 s must be from 0 to half of duration"),
+        (lambda: b.envelope(X, attack=-1), BadValue, "attack = -1 must be 0 or above"),
+        (lambda: b.once_within(E, 0), BadValue, "refractory = 0.0 must be above 0"),
+    ],
+)
+def test_what_makes_no_sense_is_told_at_once(make, error, text):
+    with pytest.raises(error, match=text):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("block", "text"),
+    [(b.ring(E, 600, 1), "ring: freq = 600 Hz does not fit"), (b.every(1e-4), "less than a sample"),
+     (b.burst(E, 1e-4), "less than half a sample")],
+)  # fmt: skip
+def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(block, text):
+    with pytest.raises(BadValue, match=text):
+        stimlib.compile(Scene({"y": block}), 1000)

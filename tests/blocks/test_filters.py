@@ -1,0 +1,236 @@
+"""Recursive filters against poles in closed form and 60 digits, and what they refuse."""
+
+import exact_filters
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy import signal
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, UnitError
+from stimlib import blocks as b
+from stimlib.blocks.filters import Filter
+from stimlib.checks.verify import verify
+from stimlib.design import responses
+from stimlib.design.sections import KINDS, ORDERS
+
+X = Input("x")
+
+
+def filtered(band, edges, kind, order, fs=1.0):
+    """A compiled filter with edges in cycles per sample."""
+    block = Filter(X, band, edges[0], edges[1] if len(edges) == 2 else None, order, kind, 1.0, 60.0)
+    return stimlib.compile(Scene({"y": block}), fs)
+
+
+def error(band, edges, kind, order):
+    """Largest error of the impulse and step responses, relative to their peaks."""
+    n = 20_000 if edges[0] > 1e-4 else 1_000_000
+    at = np.unique(np.r_[0:4, np.geomspace(5, n - 1, 20).astype(int)])
+    proc, worst = filtered(band, edges, kind, order), 0.0
+    for x, wanted in zip((np.eye(1, n), np.ones((1, n))), exact_filters.answers(band, edges, kind, order, at), strict=True):
+        proc.reset()
+        y = proc.process(x)[0]
+        worst = max(worst, np.abs(y[at] - wanted).max() / np.abs(y).max())
+    return worst
+
+
+FEW = [
+    ("lowpass", (1e-6,), "elliptic", 12), ("lowpass", (0.25,), "butterworth", 7), ("lowpass", (0.45,), "bessel", 12),
+    ("highpass", (1e-6,), "chebyshev1", 5), ("highpass", (0.01,), "elliptic", 7), ("bandpass", (0.01, 0.03), "butterworth", 1),
+    ("bandpass", (0.001, 0.4), "elliptic", 5), ("bandstop", (0.01, 0.03), "bessel", 12),
+]  # fmt: skip
+EDGES = {
+    "lowpass": [(e,) for e in (1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.25, 0.45)],
+    "bandpass": [(e, w * e) for e in (1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1) for w in (1.01, 1.5, 4)] + [(0.25, 0.45), (0.001, 0.4)],
+}
+EDGES |= {"highpass": EDGES["lowpass"], "bandstop": EDGES["bandpass"]}
+
+
+def promised(band, edges):
+    if len(edges) == 1:
+        return 1e-13
+    low, high = edges
+    return 2e-13 + 2e-15 * high / (high - low) + (2e-14 * high / low if band == "bandstop" else 0.0)
+
+
+@pytest.mark.parametrize(("band", "edges", "kind", "order"), FEW)
+def test_samples_are_those_of_60_digits(band, edges, kind, order):
+    assert error(band, edges, kind, order) <= promised(band, edges)
+
+
+@pytest.mark.stress
+@pytest.mark.parametrize("band", EDGES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_are_those_of_60_digits_everywhere(band, kind):
+    for edges in EDGES[band]:
+        for order in ORDERS:
+            assert error(band, edges, kind, order) <= promised(band, edges), (edges, order)
+
+
+def test_noise_is_convolved_with_the_exact_impulse_response():
+    """All states at work at once; the sum in extended precision."""
+    n, x = 600, np.random.default_rng(0).standard_normal(600)
+    h, _ = exact_filters.answers("lowpass", (0.02,), "elliptic", 12, range(n))
+    wanted = np.array([np.sum(x[: k + 1] * h[k::-1].astype(np.longdouble)) for k in range(n)])
+    y = filtered("lowpass", (0.02,), "elliptic", 12).process(x[None])[0]
+    assert np.abs(y - wanted).max() <= 1e-13 * np.abs(y).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("order", [1, 4, 12])
+def test_gains_of_the_prototypes_are_those_of_their_poles(kind, order):
+    """Two routes that meet nowhere: closed forms of the gain, poles with 60 digits."""
+    x = np.array([0.1, 0.7, 1.0, 1.3, 4.0])
+    with mp.workdps(30):
+        zeros, poles, gain = exact_filters.prototype(kind, order, 1.0, 60.0)
+        wanted = [abs(gain * mp.fprod(1j * v - q for q in zeros) / mp.fprod(1j * v - q for q in poles)) for v in x.tolist()]
+    np.testing.assert_allclose(responses.prototypes.GAINS[kind](x, order, 1.0, 60.0), np.array(wanted, float), rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("band", EDGES)
+def test_the_response_keeps_its_digits_at_low_cutoffs(kind, band):
+    edges = (1e-5,) if band in ("lowpass", "highpass") else (1e-5, 3e-5)
+    proc = filtered(band, edges, kind, 12)
+    law = responses.family(band, edges, 12, kind, 1.0, 60.0)
+    assert law.error(lambda f: proc.response("y", "x", f), 1.0) <= 1e-9
+
+
+def test_sections_given_by_scipy_do_what_they_do_there():
+    rows = signal.butter(5, [0.1, 0.3], "bandpass", output="sos")
+    x = np.random.default_rng(1).standard_normal(2000)
+    y = stimlib.compile(Scene({"y": b.sos(X, rows)}), 8000).process(x[None])[0]
+    assert np.abs(y - signal.sosfilt(rows, x)).max() <= 1e-13 * np.abs(y).max()
+
+
+def test_latency_is_the_group_delay_in_the_middle_of_what_passes():
+    outputs = {"low": b.lowpass(X, 50, 4), "band": b.bandpass(X, 100, 300, 3), "rings": b.resonator(X, 158, 9.0)}
+    middle = np.arctan(np.sqrt(np.tan(np.pi * 100 / 8000) * np.tan(np.pi * 300 / 8000))) * 8000 / np.pi
+    proc = stimlib.compile(Scene(outputs), 8000)
+    for name, f in (("low", 0.0), ("band", middle), ("rings", 158.0)):
+        step = 1e-3
+        turn = np.angle(np.divide(*proc.response(name, "x", np.array([f - step, f + step])))) / (2 * np.pi * 2 * step)
+        assert abs(proc.latency[name, "x"][0] / 8000 - turn) < 1e-6 * turn
+
+
+def test_filtered_noise_is_proven():
+    """verify holds a filter against the closed form of its gain."""
+    scene = Scene({"y": b.bandpass(b.white_noise(1), 100, 300, 2, "elliptic"), "z": b.lowpass(b.white_noise(2), 500, 3)})
+    result = stimlib.render(scene, {}, fs=8000, seconds=4)
+    proof = verify(scene, {}, result)
+    laws = [c for c in proof.checks if c.name == "Filter: physical law"]
+    assert proof.passed and [c.text for c in laws] == ["elliptic bandpass of order 2", "butterworth lowpass of order 3"]
+    assert max(c.measured for c in laws) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: b.lowpass(X, 100, kind="butter"), "kind = 'butter'; choose one of butterworth, bessel"),
+        (lambda: b.lowpass(X, 100, order=13), "order = 13 must be from 1 to 12"),
+        (lambda: b.lowpass(X, 100, order=0), "order = 0 must be from 1 to 12"),
+        (lambda: b.highpass(X, -1), "highpass: cutoff = -1 Hz must be above 0"),
+        (lambda: b.bandpass(X, 300, 100), "low = 300 Hz must be below high = 100 Hz"),
+        (lambda: b.bandstop(X, 1, 2, ripple=70), "ripple = 70 dB must be above 0, and below attenuation = 60 dB"),
+        (lambda: b.lowpass(X, Param("f", 10.0, "Hz")), "design number"),
+        (lambda: b.sos(X, [1.0, 2.0]), r"got shape \(2,\)"),
+        (lambda: b.sos(X, [[1, 0, 0, 1, -2.1, 1.2]]), "section 0 is not stable"),
+        (lambda: b.sos(X, [[1, 0, 0, 1, 0, 0], [1, 0, 0, 1, -1, 0]]), "section 1 is not stable"),
+        (lambda: b.resonator(X, 0, 2), "Resonator.freq = 0.0 must be above 0"),
+        (lambda: b.svf(X, 100, mode="low"), "mode = 'low'; choose one of lowpass"),
+        (lambda: b.svf(X, Param("f", -3.0, "Hz")), "cutoff = -3.0 must be above 0"),
+        (lambda: b.integrate(X, -1), "leak = -1 1/s must be 0 or above"),
+        (lambda: b.envelope_follower(X, attack=-1), "attack = -1 s must be 0 or above"),
+    ],
+)
+def test_what_makes_no_sense_is_told_at_once(make, text):
+    with pytest.raises(BadValue, match=text):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("block", "text"),
+    [
+        (b.lowpass(X, 500), "lowpass: cutoff = 500 Hz does not fit below fs/2 = 500 Hz; lower it, or raise fs"),
+        (b.bandpass(X, 400, 600), "bandpass: high = 600 Hz does not fit below fs/2"),
+        (b.notch(X, 700, 1.0), "notch: freq = 700 Hz does not fit"),
+        (b.svf(X, 700), "svf: cutoff = 700 Hz does not fit"),
+        (b.moving_average(X, 1e-4), "moving_average: 0.0001 s is less than half a sample"),
+    ],
+)
+def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(block, text):
+    with pytest.raises(BadValue, match=text):
+        stimlib.compile(Scene({"y": block}), 1000)
+
+
+def test_units_of_a_live_filter():
+    with pytest.raises(UnitError, match="must be in Hz"):
+        b.svf(X, Input("f", "m"))
+    with pytest.raises(UnitError, match="q .* must have no unit"):
+        b.svf(X, 100, Input("q", "m"))
+
+
+# Live -----------------------------------------------------------------------------------------------------------------
+def test_a_live_filter_has_the_samples_of_60_digits():
+    """cutoff/fs from 0 to 1/2 at one sample each; of the trapezoidal rule, solved for the integrals' inputs."""
+    r, k = np.array([0.01, 0.4, 0.1, 0.5, 0.0, 0.25, 1e-6, 0.25]), np.array([1.0, 0.1, 2.0, 0.5, 1.0, 1.0, 1e-3, 1.0])
+    x = np.array([1.0, 0, 0, 0, 1, 0, 0, 0])
+    wanted: dict[str, list] = {m: [] for m in ("lowpass", "bandpass", "highpass", "notch")}
+    with mp.workdps(40):
+        s1 = s2 = mp.mpf(0)
+        for ri, q, xi in zip(r.tolist(), (1 / k).tolist(), x.tolist(), strict=True):
+            si, co, ki = mp.sinpi(ri), mp.cospi(ri), 1 / mp.mpf(q)
+            v1 = (co * co * s1 + si * co * (xi - s2)) / (1 + ki * si * co)  # of v1 = s1 + g (x - k v1 - v2), v2 = s2 + g v1
+            v2 = s2 + (si / co * v1 if co else xi - s2)
+            s1, s2 = 2 * v1 - s1, 2 * v2 - s2
+            for mode, v in (("lowpass", v2), ("bandpass", ki * v1), ("highpass", xi - ki * v1 - v2), ("notch", xi - ki * v1)):
+                wanted[mode].append(float(v))
+    blocks = {m: b.svf(X, Input("f", "Hz"), Input("q"), m) for m in wanted}
+    proc = stimlib.compile(Scene(blocks), 1.0)
+    inputs = {"x": x, "f": r, "q": 1 / k}
+    y = proc.process(np.array([inputs[name] for name in proc.inputs]))
+    np.testing.assert_allclose(y, [wanted[m] for m in proc.outputs], rtol=0, atol=5e-15)
+
+
+def test_no_movement_of_the_cutoff_makes_energy():
+    """s1^2 + s2^2 never grows without input, whatever cutoff and q do; hardly any damping."""
+    from stimlib.blocks.svf import Svf, SvfState
+
+    p, _ = b.svf(X, Input("f", "Hz"), Input("q")).design(1.0)
+    rng, s, energy = np.random.default_rng(2), SvfState(1.0, 0.0), [1.0]
+    for _ in range(3000):
+        _, s = Svf.step(p, s, 0.0, rng.uniform(0, 0.6), 10 ** rng.uniform(0, 9))
+        energy.append(s.s1**2 + s.s2**2)
+    assert np.max(np.diff(energy)) < 1e-15 and energy[-1] < 1.0
+
+
+@pytest.mark.parametrize("wave", [lambda n: 0.245 + 0.2425 * np.sin(2 * np.pi * n / 8), lambda n: np.where(n % 2, 0.002, 0.45)])
+def test_a_cutoff_that_sweeps_at_audio_rate_stays_bounded(wave):
+    """Where the usual biquad overflows; and what is left when the input ends dies away."""
+    proc = stimlib.compile(Scene({"y": b.svf(X, Input("f", "Hz"), q=10.0)}), 1.0)
+    n = np.arange(100_000)
+    x = np.random.default_rng(3).standard_normal(n.size) * (n < 90_000)
+    y = proc.process(np.array([{"x": x, "f": wave(n)}[name] for name in proc.inputs]))[0]
+    assert proc.fault is None and 1 < np.abs(y).max() < 50 and np.abs(y[-1000:]).max() < 1e-9
+
+
+# Sums and levels ------------------------------------------------------------------------------------------------------
+def test_an_integral_is_exact_for_straight_lines_and_after_hours():
+    proc = stimlib.compile(Scene({"y": b.integrate(X)}), 1000)
+    y = proc.process(np.full((1, 1_000_000), 0.1))[0]
+    proc.state = proc.state  # goes on where it was
+    y = np.append(y, proc.process(np.full((1, 1_000_000), 0.1))[0])
+    assert abs(y[-1] - (2e6 - 0.5) * 1e-4) < 1e-13 * y[-1]
+    t, leak = np.arange(3000) / 1000, 5.0
+    leaky = stimlib.compile(Scene({"y": b.integrate(X, leak)}), 1000).process(t[None])[0]
+    wanted = t / leak - -np.expm1(-leak * t) / leak**2  # of y' = t - leak y
+    np.testing.assert_allclose(leaky, wanted, rtol=1e-12, atol=1e-15)
+    coarse = stimlib.compile(Scene({"y": b.integrate(X, leak)}), 2).process(np.arange(8.0)[None] / 2)[0]  # leak/fs above 1
+    np.testing.assert_allclose(coarse, np.arange(8) / 2 / leak - -np.expm1(-leak * np.arange(8) / 2) / leak**2, rtol=1e-12)
+
+
+def test_a_level_rises_and_falls_with_its_time_constants():
+    proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
+    y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]
+    np.testing.assert_allclose(y[[9, 49, 149]], [-2 * np.expm1(-1), -2 * np.expm1(-5), y[49] * np.exp(-1)], rtol=1e-12)
