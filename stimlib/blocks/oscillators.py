@@ -114,8 +114,8 @@ class Oscillator(Block):
 def oscillator(freq, waveform: str = "sine", duty=0.5, phase: float = 0.0) -> Block:
     """A periodic wave whose phase is exact for days, between -1 and 1.
 
-    All but the sine are sampled by area: a sample is the mean over the sample period around it, which takes 4 to 21 dB from the
-    aliases of a sawtooth or square, and most below 1 kHz.  A sine has none.
+    All but the sine are sampled by area: a sample is the mean over the sample period around it.  Of a sawtooth of 200 Hz at 8 kHz
+    that takes 4 dB from the worst alias, and 17 dB from the worst below 1 kHz.  A sine has none.
 
     Parameters
     ----------
