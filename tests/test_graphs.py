@@ -90,11 +90,14 @@ class Builder:
                     lambda x=x, y=y: S * b.velocity(x, 20.0, contact=y > -0.5), lambda x=x, y=y: b.sin(x),
                 ]  # fmt: skip
                 if self.tiles:
-                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)] * 3
+                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)]
                 if depth == 0:
-                    kinds += [lambda x=x: self.looped(x, pool[-1], depth=1)] * 3
+                    kinds += [lambda x=x: self.looped(x, last, depth=1)] * 4
                 pool.append(self.draw(st.sampled_from(kinds))())
-            return 0.25 * last + 0.25 * b.tanh(pool[-1]), self.choose(pool)  # the newest depends on last, mostly
+            whole = 0.25 * last + 0.25 * b.tanh(pool[-1])  # the newest depends on last, mostly
+            if self.tiles and self.draw(st.booleans()):
+                whole = whole + 0.125 * b.fir(last, [0.5, -0.25, 0.25])
+            return whole + 0.125 * signals[-1] if depth else whole, self.choose(pool)
 
         y, other = b.loop(body, start=self.draw(number))
         return y + 0.5 * other

@@ -69,16 +69,21 @@ class Pool:
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._held)  # they are told
         for worker in self._workers:
-            worker.connection.close()
+            worker.connection.close()  # who has nothing to do ends
         until = time.monotonic() + PATIENCE
-        for worker in self._workers:
+        told = False
+        for worker in sorted(self._workers, key=lambda w: w.job is not None):
+            if worker.job is not None and not told:
+                os.close(self._held)  # the others are told
+                told = True
             try:
                 worker.process.wait(max(0.0, until - time.monotonic()))
             except subprocess.TimeoutExpired:
                 worker.process.kill()
                 worker.process.wait()
+        if not told:
+            os.close(self._held)
         os.close(self._gone)
 
     @property
