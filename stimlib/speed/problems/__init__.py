@@ -1,5 +1,5 @@
 """The problems that run time is held against error on."""
 
-from . import hand, materials, noise, surface
+from . import filters, hand, materials, noise, surface
 
-ALL = (*noise.PROBLEMS, *materials.PROBLEMS, *surface.PROBLEMS, *hand.PROBLEMS)
+ALL = (*noise.PROBLEMS, *filters.PROBLEMS, *materials.PROBLEMS, *surface.PROBLEMS, *hand.PROBLEMS)
