@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib import blocks as b
-from stimlib.core.graph import Enabled, reach, registry, signals
+from stimlib.core.graph import Enabled, Guard, reach, registry, signals
 from stimlib.design import responses
 from stimlib.errors import BadValue
 
@@ -213,6 +213,12 @@ def test_law_6_the_fade_is_as_documented():
     assert not proc.process(np.ones((1, 50))).any()
     proc.reset()
     np.testing.assert_array_equal(proc.process(np.ones((1, 5)))[0], 1.0)
+
+
+def test_law_6_a_device_has_its_own_steps_where_half_a_second_has_room_for_them():
+    for steps, samples in ((None, 20), (1, 20), (300, 300), (500, 500), (501, 500), (1e9, 500)):
+        assert Guard(Input("x"), steps).samples(1000) == samples
+    assert Guard(Input("x"), 1e9).samples(1001) == 501  # 500.5, as whole samples
 
 
 def test_law_6_bad_from_the_first_sample():
