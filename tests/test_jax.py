@@ -21,7 +21,7 @@ from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, scen
 from stimlib import blocks as b
 from stimlib.checks.agreement import agreement
 from stimlib.core import maths
-from stimlib.core.graph import registry
+from stimlib.core.graph import Map, registry
 from stimlib.core.maths import where
 from stimlib.targets.jax import blockforms, recurrence, traced
 from stimlib.targets.jax import function as jax_target
@@ -85,8 +85,9 @@ def smooth(e):
     return e.inputs and not e.edges and "enabled" not in e.name
 
 
-# of each class one, and what lives on parameters or contact
-ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e)}.values()
+# of each class with a state one, a few without, and what lives on parameters or contact
+STATELESS = {name for name, cls in registry.items() if issubclass(cls, Map)} - {"Tanh", "Where", "Maximum", "Mul"}
+ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e) and e.cls not in STATELESS}.values()
 ONES = {*ONES, "springpot_live", "springpot_contact", "track_contact", "maxwell_contact"}
 
 

@@ -19,7 +19,11 @@ from stimlib.core.graph import Enabled, Guard, reach, registry, signals
 from stimlib.design import responses
 from stimlib.errors import BadValue
 
-ROWS = [pytest.param(e, fs, id=f"{e.name}-{fs:g}") for e in TABLE for fs in e.rates]
+ROWS = [  # of an example's rates each has its turn, and all of them at length
+    pytest.param(e, fs, id=f"{e.name}-{fs:g}", marks=[pytest.mark.stress] * (j != k % len(e.rates)))
+    for k, e in enumerate(TABLE)
+    for j, fs in enumerate(e.rates)
+]
 FIRST = [pytest.param(e, e.rates[0], id=e.name) for e in TABLE]
 DRIVEN = [p for p in FIRST if p.values[0].inputs]
 LTI = [p for p in ROWS if p.values[0].lti]
