@@ -1,9 +1,14 @@
 """Sweeps: the bits of `render`, bad input told before the first run, what is done is kept and nothing is done twice."""
 
+import copy
 import dataclasses
+import functools
 import hashlib
+import importlib
 import json
+import linecache
 import os
+import sys
 from collections import deque
 from math import pi
 
@@ -11,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.stats import norm
 from typer.testing import CliRunner
 
 import stimlib
@@ -433,6 +439,63 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
     assert identity(closing(1.0)) != identity(closing(2.0))
     for old, new in (("2.0", "2.5"), ("x * 3", "x * 4"), ("+ np", "- np")):
         assert defined(base.replace(old, new)) != same, new
+
+
+class Line:
+    """A motion that is an object, as splines are."""
+
+    def __init__(self, height):
+        self.height = height
+
+    def __call__(self, t):
+        return np.full_like(t, self.height)
+
+
+def test_objects_that_are_called_are_known_by_their_content(tmp_path):
+    hands = {"a": Line(1.0), "b": Line(2.0)}
+    table = sweep(SPRING, grid(motion=hands, k=[1.0]), measures="peak", out=tmp_path, **RUN | {"motion": hands})
+    assert table["peak_force"].to_pylist() == [1.0, 2.0]
+    again = sweep(SPRING, {"k": [1.0]}, measures="peak", out=tmp_path, **RUN | {"motion": Line(3.0)})
+    assert again["peak_force"].to_pylist() == [3.0]
+
+    def using(value):
+        return lambda r: value
+
+    table, scene = np.zeros(5000), Scene({"y": Param("d", 1.0) * Input("x")})
+    other = table.copy()
+    other[2500] = 1.0
+    for same, different in (
+        (Line(1.0), Line(2.0)),
+        (Line(1.0).__call__, Line(2.0).__call__),
+        (functools.partial(pow, 2, mod=3), functools.partial(pow, 2, mod=5)),
+        ({"profile": [table]}, {"profile": [other]}),
+        (scene, SPRING),
+        (scene.outputs["y"], SPRING.outputs["force"]),
+    ):
+        assert identity(using(same)) == identity(using(copy.deepcopy(same))) != identity(using(different))
+
+
+def test_what_a_package_made_has_no_content():
+    def using(r):
+        return norm.cdf(r.fs)
+
+    one, kept = identity(using), norm.random_state
+    norm.random_state = 1  # of numpy's as a rule, which whoever draws changes
+    assert identity(using) == one
+    norm.random_state = kept
+
+
+def test_helpers_in_a_module_of_ones_own_count(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+    for k in (1, 2, 2):
+        (tmp_path / "helper_of_a_sweep.py").write_text(f"def level(r):\n    return {k}\n")
+        sys.modules.pop("helper_of_a_sweep", None)
+        linecache.clearcache()
+        helper = importlib.import_module("helper_of_a_sweep")
+        found.append(identity(lambda r, helper=helper: np.sum(helper.level(r))))
+    assert found[0] != found[1] == found[2]
+    assert "def sum" not in found[0], "packages are known by their version"
 
 
 def test_recorded_hands_have_their_own_lengths():
