@@ -39,6 +39,13 @@ except KeyboardInterrupt as e:
 """
 
 
+def test_a_job_that_forks_is_answered_once():
+    with Pool(1) as pool:
+        for n in (1, 2):
+            pool.submit(n, eval, "__import__('os').fork() and 2 * n", {"n": n})
+            assert pool.take() == (n, 2 * n, None)
+
+
 def alive(pid):
     try:
         with open(f"/proc/{pid}/stat") as f:

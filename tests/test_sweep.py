@@ -1,8 +1,14 @@
 """Sweeps: the bits of `render`, bad input told before the first run, what is done is kept and nothing is done twice."""
 
+import copy
 import dataclasses
+import functools
+import hashlib
+import importlib
 import json
+import linecache
 import os
+import sys
 from collections import deque
 from math import pi
 
@@ -10,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.stats import norm
 from typer.testing import CliRunner
 
 import stimlib
@@ -147,6 +154,8 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         ({"seed": [0.5]}, BadValue, "seed = 0.5 in row 0"),
         ({"k": [object()]}, BadValue, "rows cannot be read"),
         ({"k": [b"x"]}, BadValue, "k has values of type binary"),
+        ({"seed": [0, 2**64]}, BadValue, "seed = 18446744073709551616 in row 1 has no place in 64 bits"),
+        ({"k": [-1, 2**63]}, BadValue, "k = 9223372036854775808 in row 1 has no place"),
         ({"error": [1.0]}, BadValue, "a column error of its own"),
         ({"peak_force": [1.0]}, UnknownName, "no peak_force"),
         ({"motion": ["a"]}, BadValue, "motion must be a dict of motions by name"),
@@ -178,7 +187,9 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"measures": [measure("N")(lambda r: 1 / 0)]}, BadValue, "ZeroDivisionError"),
         ({"seconds": None}, BadValue, "how many seconds"),
         ({"motion": {"y": HAND}}, UnknownName, "x is missing"),
+        ({"measures": [measure(error="N")(lambda r: 1.0)]}, BadValue, "a column error of its own"),
         ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
+        ({"motion": None, "seconds": None}, BadValue, "motion of x must be a function"),
         ({"live": ["A"]}, UnknownName, "A is no parameter"),
         ({"workers": 0}, BadValue, "workers = 0"),
         ({"fs": -1}, BadValue, "fs"),
@@ -203,13 +214,71 @@ def test_units_must_fit():
 
 
 def test_grid_refuses_what_is_no_axis():
-    for axes in ({}, {"k": 3.0}, {"k": "soft"}, {"k": []}, {"k": [1, "a"]}, {"k": [[1, 2], [3, 4]]}):
+    large = {f"k{i}": range(1000) for i in range(6)}
+    ragged = {"k": [[1], [2, 3]]}
+    for axes in (
+        {},
+        {"k": 3.0},
+        {"k": "soft"},
+        {"k": []},
+        {"k": [1, "a"]},
+        {"k": [[1, 2], [3, 4]]},
+        ragged,
+        {"k": [2**64]},
+        large,
+    ):
         with pytest.raises(BadValue):
             grid(**axes)
+    assert len(grid(**{f"k{i}": [0] for i in range(70)})) == 70  # more than an array has dimensions
     assert grid(motion={"a": HAND, "b": HAND}, k=[1.0])["motion"].tolist() == ["a", "b"]
 
 
+def test_seeds_have_64_bits_in_every_kind_of_row():
+    seeds = [0, 2**64 - 1]
+    for rows in ({"seed": seeds}, {"seed": [0, np.uint64(2**64 - 1)]}, grid(seed=seeds), grid(seed=[0, np.uint64(2**64 - 1)])):
+        assert table_of(rows)["seed"].to_pylist() == seeds
+
+
 # Failures ------------------------------------------------------------------------------------------------------------
+@measure("N")
+def spoils(r):
+    r["force"][:] = 7.0
+    return 0.0
+
+
+def spoiled(inputs, fs):
+    inputs["x"] *= 2.0
+
+
+@measure("N", prepare=spoiled)
+def doubles(r, ready):
+    return 0.0
+
+
+def test_a_measure_cannot_change_what_others_see():
+    for bad in (spoils, doubles):
+        with pytest.raises(BadValue, match="read-only"):
+            sweep(SPRING, {"k": [1.0]}, measures=[bad, "peak"], **RUN)
+    run = rendering(SPRING, {"k": [1.0]}, 0, motion=np.ones(10), fs=8000)
+    with pytest.raises(BadValue, match="read-only"):
+        measured(run, [spoils, "peak"])
+    assert run["force"].flags.writeable, "what is one's own stays so"
+
+
+@pytest.mark.parametrize(("given", "figure"), [(np.array(2.0), 2.0), (np.float32(2), 2.0), ([2], 2.0), (1j, None), ("2", None)])
+def test_a_figure_is_a_real_number(given, figure):
+    @measure("1")
+    def odd(r):
+        return given
+
+    run = rendering(SPRING, {"k": [1.0]}, 0, motion=np.ones(10), fs=8000)
+    if figure is None:
+        with pytest.raises(BadValue, match="odd: TypeError: .* no real numbers"):
+            measured(run, odd)
+    else:
+        assert measured(run, odd) == {"odd": figure}
+
+
 def test_a_row_that_fails_is_a_row_and_what_all_have_wrong_is_an_error():
     table = sweep(SPRING, {"k": [1.0, 2.0, 3.0, 4.0]}, measures=["peak", touchy], **RUN)
     assert table["error"].to_pylist()[0] == "BadValue: touchy: ZeroDivisionError: k = 1"
@@ -316,6 +385,11 @@ def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatc
     with pytest.warns(RuntimeWarning, match="damaged"):
         assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole)
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".damaged", ".json", ".parquet"]
+    pq.write_table(pa.table({"a": [1]}), tmp_path / "other")
+    for other in ((tmp_path / "other").read_bytes(), b"PAR1"):  # by its name it is whole
+        (tmp_path / f"part-{hashlib.sha256(other).hexdigest()[:32]}.parquet").write_bytes(other)
+        with pytest.warns(RuntimeWarning, match="damaged"):
+            assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole)
     monkeypatch.setitem(globals(), "BAD", deque([1.0]))
     assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole), "failed rows are done"
     for retry in (True, False):
@@ -331,9 +405,11 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
     with pytest.raises(SinkError, match="cannot make"):
         sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "thesis.tex" / "x", **RUN)
     sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
-    (tmp_path / "a" / "sweep.json").write_text("{")
-    with pytest.raises(SinkError, match="damaged"):
-        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+    whole = json.loads((tmp_path / "a" / "sweep.json").read_text())
+    for text in ("{", "[" * 100_000, json.dumps(whole | {"motion": None})):
+        (tmp_path / "a" / "sweep.json").write_text(text)
+        with pytest.raises(SinkError, match="damaged"):
+            sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
 
 
 def test_two_sweeps_do_not_write_into_one_folder(tmp_path):
@@ -363,6 +439,63 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
     assert identity(closing(1.0)) != identity(closing(2.0))
     for old, new in (("2.0", "2.5"), ("x * 3", "x * 4"), ("+ np", "- np")):
         assert defined(base.replace(old, new)) != same, new
+
+
+class Line:
+    """A motion that is an object, as splines are."""
+
+    def __init__(self, height):
+        self.height = height
+
+    def __call__(self, t):
+        return np.full_like(t, self.height)
+
+
+def test_objects_that_are_called_are_known_by_their_content(tmp_path):
+    hands = {"a": Line(1.0), "b": Line(2.0)}
+    table = sweep(SPRING, grid(motion=hands, k=[1.0]), measures="peak", out=tmp_path, **RUN | {"motion": hands})
+    assert table["peak_force"].to_pylist() == [1.0, 2.0]
+    again = sweep(SPRING, {"k": [1.0]}, measures="peak", out=tmp_path, **RUN | {"motion": Line(3.0)})
+    assert again["peak_force"].to_pylist() == [3.0]
+
+    def using(value):
+        return lambda r: value
+
+    table, scene = np.zeros(5000), Scene({"y": Param("d", 1.0) * Input("x")})
+    other = table.copy()
+    other[2500] = 1.0
+    for same, different in (
+        (Line(1.0), Line(2.0)),
+        (Line(1.0).__call__, Line(2.0).__call__),
+        (functools.partial(pow, 2, mod=3), functools.partial(pow, 2, mod=5)),
+        ({"profile": [table]}, {"profile": [other]}),
+        (scene, SPRING),
+        (scene.outputs["y"], SPRING.outputs["force"]),
+    ):
+        assert identity(using(same)) == identity(using(copy.deepcopy(same))) != identity(using(different))
+
+
+def test_what_a_package_made_has_no_content():
+    def using(r):
+        return norm.cdf(r.fs)
+
+    one, kept = identity(using), norm.random_state
+    norm.random_state = 1  # of numpy's as a rule, which whoever draws changes
+    assert identity(using) == one
+    norm.random_state = kept
+
+
+def test_helpers_in_a_module_of_ones_own_count(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+    for k in (1, 2, 2):
+        (tmp_path / "helper_of_a_sweep.py").write_text(f"def level(r):\n    return {k}\n")
+        sys.modules.pop("helper_of_a_sweep", None)
+        linecache.clearcache()
+        helper = importlib.import_module("helper_of_a_sweep")
+        found.append(identity(lambda r, helper=helper: np.sum(helper.level(r))))
+    assert found[0] != found[1] == found[2]
+    assert "def sum" not in found[0], "packages are known by their version"
 
 
 def test_recorded_hands_have_their_own_lengths():

@@ -178,7 +178,7 @@ def at(times) -> Block:
     >>> stimlib.compile(stimlib.Scene({"y": at([0.0, 0.003])}), fs=1000).process(np.empty((0, 5)))
     array([[1., 0., 0., 1., 0.]])
     """
-    return At(Time(), np.atleast_1d(np.asarray(times, float)))
+    return At(Time(), np.atleast_1d(times))
 
 
 TIMELINES = ("step", "linear", "cosine")

@@ -251,7 +251,7 @@ def serve(connection: int, parent: int) -> None:
     """Do what comes, until nobody is left who gives anything; both arguments are file descriptors."""
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_follow, args=(parent,), daemon=True).start()
-    client = Connection(connection)
+    client, own = Connection(connection), os.getpid()
     failed: Exception | None = None
     with suppress(EOFError, OSError):
         begin = client.recv_bytes()
@@ -262,7 +262,10 @@ def serve(connection: int, parent: int) -> None:
             failed = e
         client.send(None)
         while True:
-            client.send_bytes(_answer(client.recv_bytes(), failed))
+            answer = _answer(client.recv_bytes(), failed)
+            if os.getpid() != own:
+                os._exit(0)  # the job has forked, and this is the other one: it was not asked
+            client.send_bytes(answer)
 
 
 def _answer(data: bytes, failed: Exception | None) -> bytes:

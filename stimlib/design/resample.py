@@ -33,12 +33,13 @@ def resampled(x: np.ndarray, ratio: float) -> np.ndarray:
     if ratio == 1:
         return x.copy()
     low = min(1.0, ratio)  # the lower rate, of both
-    reach = int(np.ceil(HALF / low))
+    reach = min(int(np.ceil(HALF / low)), max(HALF, x.size))  # beyond x there is nothing
     y = np.empty(int(np.ceil(x.size * ratio)))
     padded = np.concatenate([np.zeros(reach), x, np.zeros(reach + 1)])
     k = np.arange(-reach + 1, reach + 1)
-    for start in range(0, y.size, 4096):  # so many at once stay in the cache
-        t = np.arange(start, min(start + 4096, y.size)) / ratio
+    rows = max(1, 2**18 // k.size)  # so many at once stay in the cache
+    for start in range(0, y.size, rows):
+        t = np.arange(start, min(start + rows, y.size)) / ratio
         first = np.floor(t).astype(int)
         d = (t - first)[:, None] - k
         window = np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0))) / np.i0(BETA)

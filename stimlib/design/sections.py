@@ -23,6 +23,7 @@ BANDS = {"lowpass": 1, "highpass": 1, "bandpass": 2, "bandstop": 2}
 """Kinds of pass band, and how many edges each has."""
 
 ORDERS = range(1, 13)
+ARITHMETIC = (ZeroDivisionError, OverflowError)  # what numbers at the ends of float64's range end in
 
 
 class Sections(NamedTuple):
@@ -50,6 +51,11 @@ Quadratic = Sequence[Fraction]  # factors of s^2, s and 1
 def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
     """Sections from (numerator, denominator) of each, as polynomials in s; all factors of a denominator are above 0.
 
+    Raises
+    ------
+    BadValue
+        Numbers beyond the range of a float.
+
     Examples
     --------
     >>> from fractions import Fraction
@@ -58,15 +64,21 @@ def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
     >>> sections([((none, none, one), (one, one, one))]).e0  # the gain at 0 Hz
     array([1.])
     """
-    made = []
-    for n, d in rows:
-        (n2, n1, n0), (d1, d0) = (v / d[0] for v in n), (v / d[0] for v in d[1:])
-        g, D = Fraction(math.sqrt(d0)), 1 + d1 + d0  # any g near the root will do: it scales s1
-        made.append(
-            (2 * g / D, 2 * (d0 + d1) / D, 2 * d0 / (g * D), 2 * d0 / D)
-            + ((n2 + n1 + n0) / D, (n1 + n0 - n2 * (d1 + d0)) / (g * D), n0 / d0)
-        )
-    return Sections(*np.array(made, np.float64).T.copy())
+    try:
+        return Sections(*np.array([_section(n, d) for n, d in rows], np.float64).T.copy())
+    except ARITHMETIC:
+        raise BadValue(
+            "a filter's numbers are beyond what a float can hold; take a higher frequency, or smaller factors"
+        ) from None
+
+
+def _section(n: Quadratic, d: Quadratic) -> tuple[Fraction, ...]:
+    (n2, n1, n0), (d1, d0) = (v / d[0] for v in n), (v / d[0] for v in d[1:])
+    g, D = Fraction(math.sqrt(d0)), 1 + d1 + d0  # any g near the root will do: it scales s1
+    return (
+        *(2 * g / D, 2 * (d0 + d1) / D, 2 * d0 / (g * D), 2 * d0 / D),
+        *((n2 + n1 + n0) / D, (n1 + n0 - n2 * (d1 + d0)) / (g * D), n0 / d0),
+    )
 
 
 def designed(
@@ -82,11 +94,15 @@ def designed(
     from scipy.signal import iirfilter
 
     w = np.tan(np.pi * np.array(edges, float))
-    with np.errstate(all="ignore"):
-        z, p, k = iirfilter(order, w if w.size > 1 else w[0], ripple, attenuation, band, True, KINDS[kind], "zpk")
-    if not (np.isfinite([*z, *p, k]).all() and (p.real < 0).all() and k != 0):
-        raise BadValue(f"{band}: no {kind} filter of order {order} has these edges; lower the order or move the edges apart")
-    return paired(z, p, float(k))
+    try:
+        with np.errstate(all="ignore"):
+            z, p, k = iirfilter(order, w if w.size > 1 else w[0], ripple, attenuation, band, True, KINDS[kind], "zpk")
+        if np.isfinite([*z, *p, k]).all() and (p.real < 0).all() and k != 0:
+            return paired(z, p, float(k))
+    except ARITHMETIC:
+        pass
+    what = f"{band}: no {kind} filter of order {order} has these edges, ripple and attenuation"
+    raise BadValue(f"{what}; lower the order or move the edges apart")
 
 
 def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quadratic]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -38,8 +38,10 @@ class Measure:
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
         """The figures of a rendering; BadValue that names the measure where it gives something else."""
         try:
-            given = self.function(rendering, ready)
-            values = [float(v) for v in (given if isinstance(given, Iterable) else (given,))]
+            given = np.ravel(self.function(rendering, ready))
+            if given.dtype.kind in "cUS":
+                raise TypeError(f"{given[:3].tolist()} are no real numbers")
+            values = [float(v) for v in given]
         except Exception as e:
             raise BadValue(f"{self.name}: {e if isinstance(e, StimlibError) else f'{type(e).__name__}: {e}'}") from e
         if len(values) != len(self.units):
@@ -170,11 +172,29 @@ def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Mea
     """
     found = measures_of(measures, rendering.scene)
     inputs = tuple(rendering.scene.inputs)
-    n = rendering.y.shape[1]
-    x = positions(sources_of(rendering.motion, inputs, n), 0, n, rendering.fs)
-    given = dict(zip(inputs, x, strict=True)) or {"": np.empty(n)}
-    values = [v for m in found for v in m(rendering, m.prepare(given, rendering.fs) if m.prepare else None)]
+    x = positions(sources_of(rendering.motion, inputs, rendering.y.shape[1]), 0, rendering.y.shape[1], rendering.fs)
+    values = figures_of(found, rendering, prepared(found, inputs, x, rendering.fs))
     return dict(zip((name for m in found for name in m.units), values, strict=True))
+
+
+def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: float) -> list[Any]:
+    """What each measure makes of the inputs' samples, shape (inputs, n), which none of them can change."""
+    given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
+    return [m.prepare(given, fs) if m.prepare else None for m in found]
+
+
+def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[Any]) -> list[float]:
+    """The figures of all measures, none of which can change what the next one sees."""
+    motion = {name: unwritable(s) if isinstance(s, np.ndarray) else s for name, s in rendering.motion.items()}
+    seen = replace(rendering, y=unwritable(rendering.y), motion=motion)
+    return [v for m, r in zip(found, ready, strict=True) for v in m(seen, r)]
+
+
+def unwritable(a: Array) -> Array:
+    """The same samples, for reading."""
+    view = a.view()
+    view.flags.writeable = False
+    return view
 
 
 def _measure(asked: Any, scene: Scene) -> Measure:

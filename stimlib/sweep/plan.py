@@ -5,11 +5,16 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import pickle
 import platform
+import sys
+import sysconfig
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from functools import partial
 from importlib.metadata import version
-from types import CodeType, FunctionType
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +34,8 @@ if TYPE_CHECKING:
 
 PACKAGES = ("stimlib", "numpy", "scipy", "numba", "llvmlite")
 KEY = 16  # bytes
+INSTALLED = [Path(sysconfig.get_path("stdlib")).resolve(), Path(__file__).resolve().parents[1]]
+"""Folders of modules whose versions are recorded, besides those of packages."""
 
 
 def versions() -> dict[str, str]:
@@ -106,26 +113,44 @@ def identity(f: Any, seen: frozenset[int] = frozenset()) -> str:
 
     Of stimlib's own functions and of installed packages the name: their versions are recorded.
     """
+    if isinstance(f, Scene):
+        return f.hash
     if isinstance(f, Measure):
         return f"{dict(f.units)} {identity(f.function, seen)} {identity(f.prepare, seen)}"
-    if hasattr(f, "func") and hasattr(f, "args"):  # functools.partial
-        parts = [f.func, *f.args, *getattr(f, "keywords", {}).values()]
-        return f"partial({', '.join(identity(p, seen) for p in parts)})"
+    if isinstance(f, partial):
+        return f"partial({', '.join(identity(p, seen) for p in (f.func, f.args, f.keywords))})"
     if isinstance(f, np.ndarray):
         return f"{f.dtype} {f.shape} {hashlib.sha256(np.ascontiguousarray(f).tobytes()).hexdigest()}"
+    if isinstance(f, tuple | list | dict) and id(f) not in seen:
+        parts = [*f.items()] if isinstance(f, dict) else [*f]
+        return f"{type(f).__name__}({', '.join(identity(p, seen | {id(f)}) for p in parts)})"
+    if isinstance(f, FunctionType | type | ModuleType) and not _own(f):
+        return f"{getattr(f, '__module__', '')}.{f.__name__}"
+    if isinstance(f, ModuleType):
+        return inspect.getsource(f)
+    if isinstance(f, MethodType):
+        return f"{identity(f.__func__, seen)} of {identity(f.__self__, seen)}"
+    if isinstance(f, type):
+        return f"{f.__module__}.{f.__qualname__} {_text(f)}"
     if not isinstance(f, FunctionType):
-        kind = f if isinstance(f, type) else type(f)
-        if kind.__module__ == "builtins" or not callable(f):
+        if type(f).__module__ == "builtins" or not (callable(f) or is_dataclass(f)):
             return repr(f)
-        return f"{kind.__module__}.{kind.__qualname__} {_text(kind)}"
-    name = f"{f.__module__}.{f.__qualname__}"
-    if id(f) in seen or (f.__module__ or "").partition(".")[0] == "stimlib":
-        return name
+        return f"{identity(type(f), seen)} {_state(f)}"
+    if id(f) in seen:
+        return f"{f.__module__}.{f.__qualname__}"
     seen |= {id(f)}
     closed = {name: c.cell_contents for name, c in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True)}
     named = {n: f.__globals__[n] for n in sorted(_names(f.__code__)) if n in f.__globals__} | closed
-    used = [f"{n}={identity(v, seen)}" for n, v in named.items() if _counts(v)]
-    return "\n".join([f.__qualname__, _text(f), repr(f.__defaults__), repr(f.__kwdefaults__), *used])
+    used = [f"{n}={identity(v, seen)}" for n, v in named.items() if _counts(n, v)]
+    return "\n".join([f.__qualname__, _text(f), identity(f.__defaults__, seen), identity(f.__kwdefaults__, seen), *used])
+
+
+def _state(f: Any) -> str:
+    """The content of an object, such as a spline; where it cannot be pickled, what it says, which may be its address."""
+    try:
+        return hashlib.sha256(pickle.dumps(f)).hexdigest()
+    except Exception:
+        return repr(f)
 
 
 def _text(f: Any) -> str:
@@ -144,13 +169,26 @@ def _names(code: CodeType) -> set[str]:
     return set(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, CodeType)))
 
 
-def _counts(value: Any) -> bool:
-    """Numbers, texts, small collections of them, and functions that are not installed."""
-    if isinstance(value, FunctionType):
-        return "site-packages" not in value.__code__.co_filename
-    if isinstance(value, Measure):
-        return True
-    return isinstance(value, (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic))
+def _counts(name: str, value: Any) -> bool:
+    """Numbers, texts, collections of them, functions, classes, modules, and objects that are called or have fields."""
+    holder = sys.modules.get(type(value).__module__)
+    packaged = holder is not None and holder.__name__ != "__main__" and not _own(holder)
+    if isinstance(value, BuiltinFunctionType | np.ufunc) or (packaged and getattr(holder, name, None) is value):
+        return False  # the second: what a package made, such as ``scipy.stats.norm``, whose content is a random state
+    kinds = (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, ModuleType, Scene)
+    return isinstance(value, kinds) or callable(value) or is_dataclass(value)
+
+
+def _own(f: Any) -> bool:
+    """Whether the source of a function, class or module is there, and not that of a package."""
+    try:
+        file = Path(inspect.getfile(f))
+    except (OSError, TypeError):  # compiled
+        return False
+    if not isinstance(f, FunctionType) and file.suffix != ".py":
+        return False
+    packaged = {"site-packages", "dist-packages"} & {*file.parts}
+    return not packaged and not any(file.resolve().is_relative_to(folder) for folder in INSTALLED)
 
 
 def shared_key(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.bounds import limits
 from ..core.packages import package
 from ..core.scene import Scene
 from ..core.units import unit
@@ -57,14 +59,35 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
         if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
             raise BadValue(f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]")
         listed = axis if isinstance(axis, np.ndarray) else list(axis)
-        whole = all(isinstance(v, int | np.integer) and not isinstance(v, bool) for v in listed)
         kinds = {"number" if isinstance(v, int | float | np.number) and not isinstance(v, bool) else type(v) for v in listed}
-        values[name] = np.asarray(listed, np.uint64 if whole and max(listed, default=0) >= 2**63 else None)
+        listed = whole_numbers(name, listed)
+        try:
+            values[name] = np.asarray(listed)
+        except ValueError as e:
+            raise BadValue(f"grid: {name} = {shortened(axis)} must be one row of values") from e
         if values[name].ndim != 1 or not values[name].size or values[name].dtype.kind not in "biufU" or len(kinds) > 1:
             raise BadValue(f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all truth values")
     if not values:
         raise BadValue("grid: name an axis, such as grid(k=[500.0, 1000.0], seed=range(10))")
-    return dict(zip(values, (m.ravel() for m in np.meshgrid(*values.values(), indexing="ij")), strict=True))
+    limits.check("render_bytes", 8 * len(values) * math.prod(v.size for v in values.values()), "grid: bytes of its columns")
+    inner = 1
+    for name, column in reversed(values.items()):
+        values[name] = np.repeat(column, inner)
+        inner *= column.size
+    return {name: np.tile(column, inner // column.size) for name, column in values.items()}
+
+
+def whole_numbers(name: str, column: Any) -> Any:
+    """A column; as uint64 where its numbers are whole and need the 64th bit, as seeds may; BadValue where that is not enough."""
+    whole = [int(v) for v in column if isinstance(v, int | np.integer) and not isinstance(v, bool)]
+    least, most = min(whole, default=0), max(whole, default=0)
+    if -(2**63) <= least and most < 2**63:
+        return column
+    if len(whole) < len(column) or least < 0 or most >= 2**64:
+        beyond = least if least < -(2**63) else most
+        at = column.index(beyond)
+        raise BadValue(f"rows: {name} = {shortened(beyond)} in row {at} has no place in 64 bits beside the others; give floats")
+    return np.asarray(column, np.uint64)
 
 
 def table_of(rows: Any) -> pa.Table:
@@ -126,7 +149,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
         lengths = {name: len(column) for name, column in rows.items()}
         if len(set(lengths.values())) > 1:
             raise BadValue(f"rows: the columns have unequal lengths: {', '.join(f'{n} {k}' for n, k in lengths.items())}")
-        return pa.table({name: column if hasattr(column, "dtype") else list(column) for name, column in rows.items()})
+        return pa.table({n: c if hasattr(c, "dtype") else whole_numbers(n, list(c)) for n, c in rows.items()})
     if hasattr(rows, "iloc"):
         return pa.Table.from_pandas(rows, preserve_index=False)
     if hasattr(rows, "__arrow_c_stream__"):
@@ -247,9 +270,9 @@ def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str
     for name in table.column_names:
         at, column, field = table.column_names.index(name), table[name], table.field(name)
         if name in roles.live:
-            said = (field.metadata or {}).get(b"unit")
-            if said and unit(said.decode()) != scene.params[name].dim:
-                raise UnitError(f"rows: {name} is in {said.decode()}, and the parameter in {scene.params[name].dim}")
+            said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+            if said and unit(said) != scene.params[name].dim:
+                raise UnitError(f"rows: {name} is in {said}, and the parameter in {scene.params[name].dim}")
             if pa.types.is_string(field.type) or pa.types.is_boolean(field.type):
                 raise BadValue(f"rows: {name} is a parameter, so it needs numbers; got {field.type}: {column[0].as_py()!r}")
             values = column.to_numpy().astype(np.float64)

@@ -8,7 +8,7 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -87,7 +87,8 @@ class Store:
         known = self._same(sidecar) if sidecar.exists() else {}
         if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
             raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
-        parts = {path: _part(path) for path in sorted(folder.glob("part-*.parquet"))}
+        names = ["key", *self._about["units"], "fault", "error"]
+        parts = {path: _part(path, names) for path in sorted(folder.glob("part-*.parquet"))}
         self.tables += [table for table in parts.values() if table is not None]
         if self.dry:
             return
@@ -104,8 +105,8 @@ class Store:
     def _same(self, sidecar: Path) -> dict[str, Any]:
         try:
             known = json.loads(regular.read(sidecar, "sidecar_bytes"))
-            key, version = known["key"], known["stimlib_sweep"]
-        except (ValueError, KeyError, TypeError) as e:
+            key, version, _ = known["key"], known["stimlib_sweep"], dict(known["motion"])
+        except (ValueError, KeyError, TypeError, RecursionError) as e:
             if isinstance(e, StimlibError):
                 raise
             raise SinkError(f"{sidecar} is damaged ({type(e).__name__}): name another folder") from None
@@ -168,7 +169,11 @@ def _name(data: bytes) -> str:
     return f"part-{hashlib.sha256(data).hexdigest()[:32]}.parquet"
 
 
-def _part(path: Path) -> pa.Table | None:
-    """A part; None where it is damaged."""
+def _part(path: Path, names: Collection[str]) -> pa.Table | None:
+    """A part with these columns; None where it is damaged, or something else."""
     data = regular.read(path, "audio_bytes")
-    return arrow("pyarrow.parquet").read_table(arrow().BufferReader(data)) if _name(data) == path.name else None
+    try:
+        table = arrow("pyarrow.parquet").read_table(arrow().BufferReader(data)) if _name(data) == path.name else None
+    except (arrow().ArrowException, OSError):
+        return None
+    return table if table is not None and set(names) <= set(table.column_names) else None

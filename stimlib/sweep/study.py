@@ -22,7 +22,7 @@ from .drive import drive, joined
 from .engines import Cluster, Here, Local
 from .measures import NAMED, Measure, measures_of
 from .plan import Plan, frames, in_order, motion_digest, motion_of, row_keys, shared_key, versions
-from .rows import arguments_of, arrow, checked, name_of, roles_of, table_of
+from .rows import MADE, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .store import Store
 from .work import Motions, Runner, error_text
 
@@ -232,7 +232,7 @@ def planned(
     table = checked(table, scene, roles, given)
     used = table["motion"].unique().to_pylist() if named else [""]
     for name in used:
-        sources = motion_of(given[name], scene)
+        sources = sources_of(motion_of(given[name], scene), tuple(scene.inputs), 0)
         n = frames(sources, fs, seconds)
         sources_of(sources, tuple(scene.inputs), n)
         warn_fast(sources, scene, n / fs)
@@ -241,6 +241,8 @@ def planned(
     asked = tuple(measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures])
     found = measures_of(asked, scene)
     units = {name: u for m in found for name, u in m.units.items()}
+    if own := [name for name in units if name in MADE]:
+        raise BadValue(f"measures: a sweep adds a column {own[0]} of its own: give your figure another name")
     if clash := [name for name in units if name in table.column_names]:
         raise BadValue(f"rows have a column {clash[0]}, and so do the measures: give yours another name")
     key, facts = shared_key(make, scene, asked, fs, roles)

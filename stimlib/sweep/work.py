@@ -17,7 +17,7 @@ from ..errors import BadValue
 from ..motion.source import positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
-from .measures import Measure, measures_of
+from .measures import Measure, figures_of, measures_of, prepared
 from .plan import Plan, frames, motion_of, versions
 from .rows import arrow
 
@@ -98,7 +98,7 @@ class Runner:
     def figures(self, row: Mapping[str, Any]) -> tuple[list[float], str | None]:
         """A row's figures, and its fault."""
         rendering, program, moved = self.rendering(row)
-        values = [v for m, ready in zip(program.measures, moved.ready, strict=True) for v in m(rendering, ready)]
+        values = figures_of(program.measures, rendering, moved.ready)
         return values, None if rendering.fault is None else "{} at sample {}".format(*rendering.fault)
 
     def run(self, rows: list[dict[str, Any]]) -> tuple[list[list[float] | None], list[str | None], list[str | None]]:
@@ -132,8 +132,7 @@ class Runner:
         motion = motion_of(given, program.scene)
         n = frames(motion, self.plan.fs, self.plan.seconds)
         x = positions(sources_of(motion, program.proc.inputs, n), 0, n, self.plan.fs)
-        inputs = dict(zip(program.proc.inputs, x, strict=True)) or {"": np.empty(n)}
-        return Moved(motion, x, [m.prepare(inputs, self.plan.fs) if m.prepare else None for m in program.measures])
+        return Moved(motion, x, prepared(program.measures, program.proc.inputs, x, self.plan.fs))
 
     def _most(self) -> int:
         each = 2 * next(reversed(self._moved.values())).x.nbytes if self._moved else 0

@@ -1,5 +1,7 @@
 """Events and what they make, against what they are said to be."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -129,6 +131,19 @@ def test_a_recording_at_another_rate_keeps_its_waves(ratio):
     assert np.abs(error)[middle].max() < 1e-5
     above = 0.58 * ratio
     assert above > 0.5 or np.abs(resampled(np.cos(2 * np.pi * above * n), ratio))[middle].max() < 1e-5
+
+
+def test_a_fast_recording_needs_little_memory():
+    x = np.ones(20_000)  # at 1 MHz, for 1 kHz: each sample is a sum of 64000
+    tracemalloc.start()
+    try:
+        y = resampled(x, 1e-3)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert abs(y[10] - 1.0) < 0.05
+    assert most < 64e6
+    assert resampled(np.ones(2), 1e-300).size == 1
 
 
 def test_a_burst_is_symmetric_and_has_the_area_of_a_rectangle():

@@ -157,6 +157,12 @@ def test_what_makes_no_sense_is_told_at_once(make, text):
         (b.notch(X, 700, 1.0), "notch: freq = 700 Hz does not fit"),
         (b.svf(X, 700), "svf: cutoff = 700 Hz does not fit"),
         (b.moving_average(X, 1e-4), "moving_average: 0.0001 s is less than half a sample"),
+        (
+            b.lowpass(X, 100, 12, "elliptic", attenuation=1e5),
+            "no elliptic filter of order 12 has these edges, ripple and attenuation",
+        ),
+        (b.resonator(X, 1e-300, 1e300), "numbers are beyond what a float can hold"),
+        (b.sos(X, [[1e300, 0, 0, 1e-300, 0, 0]]), "numbers are beyond what a float can hold"),
     ],
 )
 def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(block, text):

@@ -124,6 +124,7 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
         (lambda: b.pulse_train(10, Input("j", "s")), UnitError, "jitter .* part of a period"),
         (lambda: b.chirp(10, 20, 1, "cubic"), BadValue, "kind = 'cubic'; choose one of linear, exponential"),
         (lambda: b.chirp(0, 20, 1), BadValue, "Chirp.f0 = 0.0 must be above 0"),
+        (lambda: b.at("noon"), BadValue, "At.times must be numbers"),
         (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
         (lambda: b.playback([1.0], 0), BadValue, "Playback.rate = 0.0 must be above 0"),
         (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
