@@ -203,7 +203,7 @@ def run_sent(run: Run, plan: Plan, names: list[tuple[str, bytes]], motions: list
 def run_apart(plan: Plan, motions: Motions, data: bytes) -> tuple[bytes, float]:
     """A job whose workers died, in a process of its own beside the worker: what ends that is one row, whose error it is."""
     began, rows = time.perf_counter(), from_bytes(data)
-    with Store(None, {}, {}, retry=False) as store, Local(plan, motions, 1) as engine:
+    with Store(None, {}, {}) as store, Local(plan, motions, 1) as engine:
         drive(plan, rows, store, engine, TASK, lambda done: None)
     made = arrow().concat_tables(store.tables, promote_options="permissive").combine_chunks()
     order = arrow("pyarrow.compute").index_in(rows["key"].combine_chunks(), value_set=made["key"].combine_chunks())
