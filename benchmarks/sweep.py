@@ -43,7 +43,7 @@ def rendered(scene: stimlib.Scene) -> list[tuple[float, float]]:
 
 def processes(plan: Any, motions: Any, todo: Any, workers: int, row_seconds: float) -> float:
     """Rows a second of so many processes, once they have begun."""
-    with Store(None, {}, {}, False) as store, Local(plan, motions, workers) as engine:
+    with Store(None, {}, {}) as store, Local(plan, motions, workers) as engine:
         drive(plan, todo.slice(0, 100 * workers), store, engine, row_seconds, lambda done: None)
         began = time.perf_counter()
         drive(plan, todo, store, engine, row_seconds, lambda done: None)

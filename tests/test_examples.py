@@ -49,6 +49,16 @@ PRINTED = {
         "A = 3.5: 12.56 mN rms, 3.1 % from noise to noise\n"
         "A = 4.0: 14.37 mN rms, 3.4 % from noise to noise\n"
     ),
+    "felt_squeezes.py": (
+        "117 hands, loading at 11.1 to 124.5 mm/s; 702 renderings\n"
+        "their vibration is 1.02 times that of the formula, from 0.94 to 1.08\n"
+        "A =  0.85:   0 % would be felt; by the formula those from 150.2 mm/s\n"
+        "A =  1.70:  15 % would be felt; by the formula those from  75.1 mm/s\n"
+        "A =  3.40:  50 % would be felt; by the formula those from  37.5 mm/s\n"
+        "A =  6.80:  77 % would be felt; by the formula those from  18.8 mm/s\n"
+        "A = 13.60: 100 % would be felt; by the formula those from   9.4 mm/s\n"
+        "A = 27.20: 100 % would be felt; by the formula those from   4.7 mm/s\n"
+    ),
     "recover_springpot.py": (
         "          found                  95 %  start\n"
         "k       798.481    796.556 .. 800.411    300  N/m\n"
@@ -78,7 +88,7 @@ PRINTED = {
 }
 
 RECORDINGS = EXAMPLES.parents[1] / "shared" / "data"
-NEEDS = {"fit_arms.py": RECORDINGS / "afm-relaxation"}
+NEEDS = {"fit_arms.py": RECORDINGS / "afm-relaxation", "felt_squeezes.py": RECORDINGS / "grip-trials"}
 
 
 def recorded(name: str):

@@ -28,6 +28,7 @@ from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
+from stimlib.sweep.drive import job_rows
 from stimlib.sweep.plan import identity
 from stimlib.sweep.rows import table_of
 
@@ -566,3 +567,19 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
 def test_mistakes_on_the_command_line_are_one_line(words, says):
     done = run("squeeze", *words)
     assert done.exit_code == 2 and done.stderr.startswith("error: ") and says in done.stderr, done.output
+
+
+@pytest.mark.parametrize(
+    ("left", "workers", "row_seconds", "rows"),
+    [
+        (10**6, 2, 0.001, 3000),  # three seconds
+        (40, 2, 0.1, 10),  # towards the end: a quarter of the rest for each of two workers
+        (40, 2, 0.001, 30),  # but not shorter than what two jobs cost the client
+        (10**6, 1000, 0.01, 1500),  # a thousand workers: fifteen seconds, or they wait for the client
+        (5, 1000, 0.01, 5),
+        (10**6, 1000, 1e-5, 20_000),
+        (3, 2, 60.0, 1),
+    ],
+)
+def test_jobs_are_long_enough_for_the_client_and_short_at_the_end(left, workers, row_seconds, rows):
+    assert job_rows(left, workers, row_seconds) == rows

@@ -83,6 +83,28 @@ def test_other_versions_are_told_before_the_first_run(cluster, monkeypatch):
         sweep(SCENE, ROWS, measures="rms", on="tcp://127.0.0.1:1", **WORDS)
 
 
+def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monkeypatch):
+    monkeypatch.setattr(engines, "LONELY", 0.2)
+    said = []
+    with (
+        distributed.LocalCluster(1, processes=False, threads_per_worker=1, dashboard_address=None, silence_logs=50) as made,
+        distributed.Client(made) as client,
+    ):
+        made.scale(0)
+        while client.nthreads():
+            time.sleep(0.02)
+
+        def come(text, *_, **__):
+            said.append(text)
+            time.sleep(0.5)  # still nobody
+            made.scale(1)
+
+        monkeypatch.setattr(engines.warnings, "warn", come)
+        table = sweep(SCENE, ROWS, measures="rms", on=client, **WORDS)
+    assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[:1] and len(said) == 1, said
+    assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=1, **WORDS))
+
+
 @STRESS
 def test_a_row_that_ends_its_worker_is_an_error_of_that_row(cluster):
     table = sweep(SCENE, ROWS, measures=["rms", deadly], on=cluster, **WORDS)

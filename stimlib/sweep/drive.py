@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TASK = 3.0  # s of work in one job: what a job costs beside is then below 1 %
+SENT = 0.015  # s of client and scheduler for one job, one after another (benchmarks/cluster.py)
 MOST_ROWS = 20_000  # of a job
 DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
@@ -50,9 +51,7 @@ def drive(plan: Plan, todo: pa.Table, store: Store, engine: Engine, row_seconds:
             if again:
                 job = again.popleft()
             else:
-                left = todo.num_rows - at
-                most = min(TASK / row_seconds, left / (2 * engine.workers()), MOST_ROWS)
-                job = Job(todo.slice(at, max(1, int(most))))
+                job = Job(todo.slice(at, job_rows(todo.num_rows - at, engine.workers(), row_seconds)))
                 at += job.rows.num_rows
             engine.submit(job, as_bytes(job.rows))
             flying += 1
@@ -72,6 +71,12 @@ def drive(plan: Plan, todo: pa.Table, store: Store, engine: Engine, row_seconds:
             row_seconds = 0.5 * row_seconds + 0.5 * seconds / size
         store.add(joined(plan, job.rows, figures))
         advance(size)
+
+
+def job_rows(left: int, workers: int, row_seconds: float) -> int:
+    """Rows of the next job: TASK seconds, less towards the end, and never so short that workers wait for the client."""
+    seconds = max(SENT * workers, min(TASK, left * row_seconds / (2 * workers)))
+    return max(1, min(int(seconds / row_seconds), left, MOST_ROWS))
 
 
 def joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:

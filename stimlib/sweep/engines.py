@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -20,6 +21,8 @@ BESIDE = 2  # jobs of a cluster for each thread: one that runs and one that wait
 FEWEST = 8  # jobs that are sent to a cluster whose workers are still to come
 Run = Callable[[Plan, Motions, bytes], tuple[bytes, float]]
 PATIENCE = 20.0  # s, for a scheduler to answer
+LONELY = 10.0  # s without a result, until workers are looked for
+POLL = 0.01  # s
 
 
 class Here:
@@ -158,6 +161,7 @@ class Cluster:
 
     def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
         while True:
+            self._wait()
             future = next(self._done)
             what, data = self._flying.pop(future)
             try:
@@ -168,6 +172,17 @@ class Cluster:
                 raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
             finally:
                 future.release()
+
+    def _wait(self) -> None:
+        """Until a job is done; that a cluster has no workers is said, and they are waited for: a queue may take its time."""
+        said, look = False, time.monotonic() + LONELY
+        while not self._done.has_ready():
+            time.sleep(POLL)
+            if not said and time.monotonic() > look:
+                look, said = time.monotonic() + LONELY, not self._client.nthreads()
+                if said:
+                    text = f"the cluster at {self._client.scheduler.address} has no workers: the sweep waits for some to come"
+                    warnings.warn(f"{text} (look at its queue, or stop with Ctrl-C)", RuntimeWarning, stacklevel=5)
 
 
 def _distributed() -> Any:
@@ -203,7 +218,7 @@ def run_sent(run: Run, plan: Plan, names: list[tuple[str, bytes]], motions: list
 def run_apart(plan: Plan, motions: Motions, data: bytes) -> tuple[bytes, float]:
     """A job whose workers died, in a process of its own beside the worker: what ends that is one row, whose error it is."""
     began, rows = time.perf_counter(), from_bytes(data)
-    with Store(None, {}, {}, retry=False) as store, Local(plan, motions, 1) as engine:
+    with Store(None, {}, {}) as store, Local(plan, motions, 1) as engine:
         drive(plan, rows, store, engine, TASK, lambda done: None)
     made = arrow().concat_tables(store.tables, promote_options="permissive").combine_chunks()
     order = arrow("pyarrow.compute").index_in(rows["key"].combine_chunks(), value_set=made["key"].combine_chunks())

@@ -216,8 +216,11 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
     pa = arrow()
     n = table.num_rows
     seeds = table["seed"].to_numpy() if "seed" in table.column_names else np.zeros(n, np.uint64)
-    motions = table["motion"] if "motion" in table.column_names else pa.array([""] * n)
-    columns = [_words(pa, pa.array(seeds)), _digests(pa, motions, digests)]
+    columns = [_words(pa, pa.array(seeds))]
+    if "motion" in table.column_names:
+        columns.append(_digests(pa, table["motion"], digests))
+    else:
+        columns.append(np.tile(np.frombuffer(digests[""], np.uint8), (n, 1)))
     columns += [_words(pa, table[name]) for name in sorted((*plan.roles.live, *plan.roles.arguments))]
     records = np.concatenate(columns, axis=1).tobytes()
     width, shared = len(records) // n, hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)

@@ -8,12 +8,13 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from ..core import regular
 from ..errors import BadValue, SinkError, StimlibError
+from .plan import KEY
 from .rows import arrow
 
 if TYPE_CHECKING:
@@ -36,8 +37,6 @@ class Store:
         What the rows depend on, with ``key``; a folder belongs to one of them.
     about : dict
         More for the sidecar: units, motions.
-    retry : bool
-        Whether rows that failed count as not there.
     dry : bool
         Only look.
 
@@ -54,10 +53,9 @@ class Store:
         folder: str | os.PathLike[str] | None,
         facts: Mapping[str, Any],
         about: Mapping[str, Any],
-        retry: bool,
         dry: bool = False,
     ):
-        self.retry, self.dry, self.rows = retry, dry, 0
+        self.dry, self.rows = dry, 0
         self.folder = None if folder is None else regular.make_folder(folder)
         self.tables: list[pa.Table] = []
         self._waiting: list[pa.Table] = []
@@ -117,15 +115,16 @@ class Store:
             raise BadValue(f"{sidecar.parent} has another sweep, with other {', '.join(other) or 'facts'}: name another folder")
         return known
 
-    def done(self) -> pa.Table | None:
-        """All rows that are there, with their keys; each once."""
-        if not self.tables:
-            return None
+    def done(self, names: Sequence[str]) -> pa.Table:
+        """Keys and some columns of all rows that are there; those that failed come last: a row that ran at last counts."""
         pa, pc = arrow(), arrow("pyarrow.compute")
-        tables = pa.concat_tables([t for t in self.tables if t.num_rows], promote_options="default")
-        if self.retry:
-            tables = tables.filter(pc.is_null(tables["error"]))
-        return tables.combine_chunks()
+        empty = pa.table({name: pa.array([], pa.binary(KEY) if name == "key" else None) for name in ("key", *names)})
+        tables = [t.select(empty.column_names) for t in self.tables]
+        table = pa.concat_tables(tables, promote_options="permissive") if tables else empty
+        if table["error"].null_count < table.num_rows:
+            failed = pc.is_valid(table["error"])
+            table = pa.concat_tables([table.filter(pc.invert(failed)), table.filter(failed)])
+        return table.combine_chunks()
 
     def add(self, table: pa.Table) -> None:
         """Keep some rows, with their keys; a part is written every few seconds."""

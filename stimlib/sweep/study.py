@@ -154,14 +154,19 @@ def sweep(
         raise BadValue(f"sweep: workers = {workers!r} must be a whole number, at least 1")
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with Store(out if not dry or _is_folder(out) else None, facts, about, retry, dry) as store:
-        todo = _missing(keyed, store)
+    with Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store:
+        done = store.done([*plan.units, "fault", "error"])
+        places = _places(keyed, done)
+        todo = _missing(keyed, done, places, retry)
         pilot = _pilot(plan, motions, todo, new=not store.tables) if todo.num_rows else None
         if dry:
             return _forecast(table, todo, plan, pilot)
         if pilot is not None:
             _run(plan, motions, todo, store, pilot, on, workers, progress)
-        return _result(plan, keyed, store, facts, about)
+            done = store.done(done.column_names[1:])
+            places = _places(keyed, done)
+        result = joined(plan, keyed.drop_columns(["key"]), done.drop_columns(["key"]).take(places))
+        return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
 
 def rendering(
@@ -319,12 +324,17 @@ def _forecast(table: pa.Table, todo: pa.Table, plan: Plan, pilot: Pilot | None) 
 
 
 # The runs --------------------------------------------------------------------------------------------------------------
-def _missing(keyed: pa.Table, store: Store) -> pa.Table:
-    """Rows whose keys are not there yet, each once."""
+def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
+    """Where each row is among those that are done, or null."""
+    return arrow("pyarrow.compute").index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks())
+
+
+def _missing(keyed: pa.Table, done: pa.Table, places: pa.Array, retry: bool) -> pa.Table:
+    """Rows that are not there yet, each once; with retry those that failed, too."""
     pa, pc = arrow(), arrow("pyarrow.compute")
-    done = store.done()
-    if done is not None:
-        keyed = keyed.filter(pc.invert(pc.is_in(keyed["key"], value_set=done["key"].combine_chunks())))
+    if retry:
+        places = pc.if_else(pc.is_valid(done["error"].take(places)).combine_chunks(), None, places)
+    keyed = keyed.filter(pc.is_null(places)) if places.null_count < keyed.num_rows else keyed
     codes = keyed["key"].combine_chunks().dictionary_encode() if keyed.num_rows else None
     if codes is None or len(codes.dictionary) == keyed.num_rows:
         return keyed
@@ -352,17 +362,3 @@ def _run(
         what = f"{store.rows - began} of {n} rows were done"
         kept = "; run it again for the rest" if store.folder is not None else ", and are lost: with out= they are kept"
         raise KeyboardInterrupt(what + kept) from None
-
-
-def _result(plan: Plan, keyed: pa.Table, store: Store, facts: Mapping[str, Any], about: Mapping[str, Any]) -> pa.Table:
-    """All rows in their order."""
-    pa, pc = arrow(), arrow("pyarrow.compute")
-    names = [*plan.units, "fault", "error"]
-    done = pa.concat_tables([t.select(["key", *names]) for t in store.tables], promote_options="permissive").combine_chunks()
-    failed = pc.is_valid(done["error"])
-    done = pa.concat_tables(
-        [done.filter(pc.invert(failed)), done.filter(failed)]
-    ).combine_chunks()  # a row that ran at last counts
-    found = done.take(pc.index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()))
-    table = joined(plan, keyed.drop_columns(["key"]), found.select(names))
-    return table.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
