@@ -6,7 +6,8 @@ import hashlib
 import inspect
 import json
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from copyreg import dispatch_table
 from dataclasses import dataclass
 from importlib.metadata import version
 from types import CodeType, FunctionType
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..core.bounds import limits
 from ..core.definitions import definitions
+from ..core.graph import Block, Pick
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.generators import Motion as Generated
@@ -92,52 +94,82 @@ def motion_digest(given: Any, fs: float, seconds: float | None) -> bytes:
 
 
 def _source(source: Any) -> str:
-    if isinstance(source, Generated | Recording):
-        return repr(source)  # which makes it again, the file of a recording by its sha256
-    if callable(source):
+    if callable(source) or isinstance(source, Recording):
         return identity(source)
     values = next(iter(sources_of({"": source}, ("",), 0).values()))
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
 # Functions -----------------------------------------------------------------------------------------------------------
-def identity(f: Any, seen: frozenset[int] = frozenset()) -> str:
+def identity(f: Any, seen: dict[int, Any] | None = None) -> str:
     """A text that changes when what a function does changes: its source, and that of the helpers and constants it names.
 
-    Of stimlib's own functions and of installed packages the name: their versions are recorded.
+    Of a callable object, class and state.  Of stimlib's own functions and of installed packages the name: their versions are
+    recorded.
     """
+    seen = {} if seen is None else seen
+    if f is None or isinstance(f, bool | int | float | complex | str | bytes | np.generic):
+        return repr(f)
+    if id(f) in seen:
+        return f"again {list(seen).index(id(f))}"
+    seen[id(f)] = f  # kept, so that nothing else gets its number
     if isinstance(f, Measure):
         return f"{dict(f.units)} {identity(f.function, seen)} {identity(f.prepare, seen)}"
-    if hasattr(f, "func") and hasattr(f, "args"):  # functools.partial
-        parts = [f.func, *f.args, *getattr(f, "keywords", {}).values()]
-        return f"partial({', '.join(identity(p, seen) for p in parts)})"
-    if isinstance(f, np.ndarray):
+    if isinstance(f, Scene):
+        return f.hash
+    if isinstance(f, Block):
+        return Scene({"y": Pick(f, f.outputs[0]) if f.outputs else f}).hash
+    if isinstance(f, Generated | Recording):
+        return repr(f)  # which makes it again, the file of a recording by its sha256
+    if isinstance(f, np.ndarray) and not f.dtype.hasobject:
         return f"{f.dtype} {f.shape} {hashlib.sha256(np.ascontiguousarray(f).tobytes()).hexdigest()}"
-    if not isinstance(f, FunctionType):
-        kind = f if isinstance(f, type) else type(f)
-        if kind.__module__ == "builtins" or not callable(f):
-            return repr(f)
-        return f"{kind.__module__}.{kind.__qualname__} {_text(kind)}"
-    name = f"{f.__module__}.{f.__qualname__}"
-    if id(f) in seen or (f.__module__ or "").partition(".")[0] == "stimlib":
-        return name
-    seen |= {id(f)}
+    if isinstance(f, list | tuple | dict | set | frozenset):
+        listed = f.items() if isinstance(f, dict) else sorted(f, key=repr) if isinstance(f, set | frozenset) else f
+        return f"{type(f).__name__}({', '.join(identity(v, seen) for v in listed)})"
+    return _of_function(f, seen) if isinstance(f, FunctionType) else _of_object(f, seen)
+
+
+def _of_function(f: FunctionType, seen: dict[int, Any]) -> str:
+    if (f.__module__ or "").partition(".")[0] == "stimlib":
+        return f"{f.__module__}.{f.__qualname__}"
     closed = {name: c.cell_contents for name, c in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True)}
     named = {n: f.__globals__[n] for n in sorted(_names(f.__code__)) if n in f.__globals__} | closed
     used = [f"{n}={identity(v, seen)}" for n, v in named.items() if _counts(v)]
-    return "\n".join([f.__qualname__, _text(f), repr(f.__defaults__), repr(f.__kwdefaults__), *used])
+    code = repr(_code(f.__code__))  # two lambdas of one line have one text
+    return "\n".join([f.__qualname__, _text(f), code, identity(f.__defaults__, seen), identity(f.__kwdefaults__, seen), *used])
+
+
+def _of_object(f: Any, seen: dict[int, Any]) -> str:
+    """Of a class its source, of an instance also what a pickle would hold, of what is wrapped (cached, compiled) the function."""
+    kind = f if isinstance(f, type) else type(f)
+    text = f"{kind.__module__}.{kind.__qualname__} {_text(kind)}"
+    if isinstance(f, type):
+        return text
+    if hasattr(f, "__wrapped__"):
+        return f"{text} {identity(f.__wrapped__, seen)}"
+    try:
+        state = reduce(f) if (reduce := dispatch_table.get(kind)) else f.__reduce_ex__(4)
+    except Exception:  # a lock, an open file: no constant
+        return text
+    if isinstance(state, str):
+        return f"{text} {getattr(f, '__module__', '')}.{state}"
+    how, *what = [list(v) if isinstance(v, Iterator) else v for v in state]
+    return f"{text} {getattr(how, '__qualname__', '')} {identity(what, seen)}"
 
 
 def _text(f: Any) -> str:
     try:
         return inspect.getsource(f)
     except (OSError, TypeError):
-        return repr(_code(f.__code__)) if hasattr(f, "__code__") else ""
+        return ""
 
 
-def _code(code: CodeType) -> tuple[Any, ...]:
+def _code(code: CodeType) -> list[Any]:
     """What runs, without lines and places."""
-    return (code.co_code, code.co_names, *(_code(c) if isinstance(c, CodeType) else c for c in code.co_consts))
+    constants = [
+        _code(c) if isinstance(c, CodeType) else sorted(c, key=repr) if isinstance(c, frozenset) else c for c in code.co_consts
+    ]
+    return [code.co_code, code.co_exceptiontable, code.co_names, *constants]
 
 
 def _names(code: CodeType) -> set[str]:
@@ -145,12 +177,12 @@ def _names(code: CodeType) -> set[str]:
 
 
 def _counts(value: Any) -> bool:
-    """Numbers, texts, small collections of them, and functions that are not installed."""
+    """Numbers, texts, small collections of them, scenes, and what can be called and is not installed."""
     if isinstance(value, FunctionType):
         return "site-packages" not in value.__code__.co_filename
-    if isinstance(value, Measure):
+    if isinstance(value, int | float | complex | str | bytes | tuple | list | dict | set | frozenset | np.ndarray | np.generic):
         return True
-    return isinstance(value, (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic))
+    return isinstance(value, Scene | Block | Recording) or (callable(value) and not isinstance(value, type))
 
 
 def shared_key(
