@@ -130,3 +130,18 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
     sidecar.write_text(json.dumps(told | {"stimlib_sweep": 2}))
     with pytest.raises(SinkError, match="of version 2, this stimlib reads 1"):
         sweep(SPRING, {"k": [1.0]}, **words)
+
+
+def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(tmp_path):
+    def factory(gain):
+        def made(name="y"):
+            return Scene({name: gain * Input("x")})
+
+        return made
+
+    words = RUN | {"measures": "peak"}
+    sweep(factory(2.0), {"name": ["y"]}, out=tmp_path, **words)
+    with pytest.raises(BadValue, match="with other scene: name"):
+        sweep(factory(3.0), {"name": ["y"]}, out=tmp_path, **words)
+    told = sweep(factory(2.0), {"name": ["y", "z"]}, **words)
+    assert told["error"][0].as_py() is None and "the scene of this row gives peak_z" in told["error"][1].as_py()
