@@ -70,6 +70,56 @@ class Halves(Block):
         return s
 
 
+class Sum(NamedTuple):
+    a: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Kept(Block):
+    """The sum of x while there is contact."""
+
+    x: Block
+    contact: Block
+    resettable = True
+
+    def units(self, *u):
+        return u[0]
+
+    def design(self, fs):
+        return (), Sum(0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, x):
+        return s.a + x, Sum(s.a + x, 0.0)
+
+
+class Slow(NamedTuple):
+    gain: float
+
+
+class Fast(NamedTuple):
+    gain: float
+    more: float
+
+
+@dataclass(frozen=True, eq=False)
+class Fickle(Block):
+    """A design of other fields at other rates."""
+
+    x: Block
+
+    def units(self, *u):
+        return u[0]
+
+    def design(self, fs):
+        return (Slow(1.0) if fs < 5000 else Fast(1.0, 2.0)), ()
+
+    @staticmethod
+    def step(p, s, x):
+        return p.gain * x, s
+
+
 def pendulum():
     """Two values that feed back, the inner one handed out."""
 
@@ -255,6 +305,43 @@ def test_the_text_of_a_composed_step_has_no_number_of_the_scene():
     (cycle,) = (q.block for q in proc.program.instances if isinstance(q.block, Cycle))
     text = "".join(linecache.getlines(cycle.definition.step.__code__.co_filename))
     assert text.startswith("def step(p, s, x0):") and "0.123456" not in text
+
+
+def cycle_of(outputs, fs=FS):
+    proc = stimlib.compile(Scene(outputs), fs, "python")
+    return proc, next(q.block for q in proc.program.instances if isinstance(q.block, Cycle))
+
+
+def test_a_tap_has_its_own_unit_and_a_loop_of_nothing_any():
+    m = constant(1.0, "m")
+    y, far = loop(lambda y: (0.5 * y + x, (y + x) * m))
+    assert [str(e.dim) for e in Scene({"y": y, "far": far, "z": loop(lambda y: 0.0, unit="m")}).outputs.values()] == [
+        "1",
+        "m",
+        "m",
+    ]
+    with pytest.raises(UnitError, match='unit="1"'):
+        loop(lambda y: 1.0, unit="m")
+
+
+def test_the_tolerance_of_a_loop_holds_as_long_as_that_of_each_in_it():
+    _, cycle = cycle_of(
+        {"y": loop(lambda y: x + 0.1 * b.springpot(b.springpot(y, 0.1, 0.5, horizon=2.0), 0.1, 0.5, horizon=1.0))}
+    )
+    assert cycle.horizon == 1.0
+
+
+def test_a_contact_that_is_never_there_is_not_one_that_always_is():
+    for on, wanted in ((0.0, 0.0), (1.0, 1.0)):
+        proc, _ = cycle_of({"y": loop(lambda y, on=on: x + 0.0 * y + 0.1 * Kept(y, constant(on)))})
+        assert proc.process(np.ones((1, 3)))[0].tolist() == [1.0, 1.0 + 0.1 * wanted, 1.0 + 0.2 * wanted + 0.01 * wanted]
+
+
+def test_fields_that_change_with_the_rate_are_refused():
+    scene = Scene({"y": loop(lambda y: x + 0.1 * Fickle(y))})
+    stimlib.compile(scene, 1000.0, "python")
+    with pytest.raises(SceneError, match="at fs = 8000 Hz the design of a block in it has other fields"):
+        stimlib.compile(scene, 8000.0, "python")
 
 
 def escaped(kept):

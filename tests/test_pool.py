@@ -107,6 +107,59 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_go_on():
         assert pool.take() == (4, "1", None)
 
 
+class Odd(Exception):
+    def __init__(self, a, b):
+        super().__init__(f"{a} and {b}")  # its pickle calls it with one argument
+
+
+def odd():
+    raise Odd(1, 2)
+
+
+def test_an_error_that_cannot_be_made_again_is_told_by_its_text():
+    with Pool(1) as pool:
+        pool.submit("job", odd)
+        _, _, error = pool.take()
+    assert (type(error), str(error)) == (RuntimeError, "Odd: 1 and 2")
+
+
+def test_sigterm_is_given_back_and_taken_from_nobody():
+    with spread(pow, [(2, 3)], 1):
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    try:
+        signal.signal(signal.SIGTERM, own := lambda *_: None)
+        with spread(pow, [(2, 3)], 1):
+            assert signal.getsignal(signal.SIGTERM) is own
+        assert signal.getsignal(signal.SIGTERM) is own
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def test_what_failed_was_not_made(monkeypatch):
+    class Row:  # a pool of one, here
+        room = 1
+
+        def __init__(self, workers):
+            pass
+
+        __enter__, __exit__ = lambda self: self, lambda self, *_: None
+
+        def submit(self, what, function, n):
+            self.room, self.what, self.n = 0, what, n
+
+        def take(self):
+            self.room = 1
+            return (self.what, self.n, None) if self.n != 1 else (self.what, None, ValueError())
+
+    monkeypatch.setattr("stimlib.core.pool.Pool", Row)
+    with pytest.raises(KeyboardInterrupt, match="1 of 3 were made"), spread(abs, [(0,), (1,), (2,)], 2) as results:
+        assert next(results) == 0
+        with pytest.raises(ValueError):
+            next(results)
+        raise KeyboardInterrupt
+
+
 def test_what_cannot_begin_says_so(capfd):
     with Pool(1, divmod, 1, 0) as pool:
         pool.submit("job", pow, 2, 3)

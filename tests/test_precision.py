@@ -4,14 +4,17 @@ import csv
 import math
 import os
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stimlib.blocks import delay
 from stimlib.cli import app
 from stimlib.errors import UnknownName
+from stimlib.run.processor import compile
 from stimlib.speed import precision
 from stimlib.speed.precision import Method, Point, Problem, best, measure, on, problems
 
@@ -67,6 +70,29 @@ def test_time_is_for_a_sample_and_errors_are_not_timed():
     (point,) = measure(p, rounds=3)
     assert ran == ["error"] + ["job"] * 4  # one to warm up
     assert 0 < point.ns < 1e6
+
+
+def test_each_method_has_its_own_time_in_ns_for_a_sample(monkeypatch):
+    took = {"0": 1e-3, "2": 2e-6}
+    monkeypatch.setattr(precision, "interleaved", lambda jobs, rounds, warm_up: {k: [took[k]] for k in jobs})
+    errors = (0.25, math.inf, 0.5)
+    methods = [Method(f"m{k}", "", lambda: None, lambda e=e: e) for k, e in enumerate(errors)]
+    a, failed, b = measure(Problem("p", "", "", 500, lambda: methods))
+    assert (a.error, a.ns, b.error, b.ns) == (0.25, pytest.approx(2000.0), 0.5, pytest.approx(4.0))
+    assert (failed.failed, a.failed) == ("not finite", "") and math.isnan(failed.error) and math.isnan(failed.ns)
+
+
+def test_a_method_of_stimlib_begins_at_sample_0_each_time(monkeypatch):
+    monkeypatch.setattr(precision, "compile", partial(compile, target="python"))
+    f = precision.own(lambda x, n: delay(x, n), 1000.0)(2)
+    for _ in range(2):
+        assert f(np.arange(1.0, 5.0)).tolist() == [0.0, 0.0, 1.0, 2.0]
+
+
+def test_the_table_has_our_figures_and_theirs():
+    rows = [Point("p", "stimlib a", "1e-6", 1e-6, 2.0), Point("p", "scipy", "8", 1e-7, 6.0)]
+    cells = [list(column.cells) for column in precision.table(rows).columns]
+    assert cells == [["p"], ["1e-6"], ["1.0e-06"], ["2"], ["scipy 8"], ["1.0e-07"], ["6"], ["3"]]
 
 
 def test_the_line_of_a_problem():

@@ -5,22 +5,22 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import pickle
 import platform
 import sys
 import sysconfig
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from copyreg import dispatch_table
 from dataclasses import dataclass, is_dataclass
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.bounds import limits
 from ..core.definitions import definitions
+from ..core.graph import Block, Pick
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.generators import Motion as Generated
@@ -99,70 +99,84 @@ def motion_digest(given: Any, fs: float, seconds: float | None) -> bytes:
 
 
 def _source(source: Any) -> str:
-    if isinstance(source, Generated | Recording):
-        return repr(source)  # which makes it again, the file of a recording by its sha256
-    if callable(source):
+    if callable(source) or isinstance(source, Recording):
         return identity(source)
     values = next(iter(sources_of({"": source}, ("",), 0).values()))
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
 # Functions -----------------------------------------------------------------------------------------------------------
-def identity(f: Any, seen: frozenset[int] = frozenset()) -> str:
+def identity(f: Any, seen: dict[int, Any] | None = None) -> str:
     """A text that changes when what a function does changes: its source, and that of the helpers and constants it names.
 
-    Of stimlib's own functions and of installed packages the name: their versions are recorded.
+    Of a callable object, class and state.  Of stimlib's own functions and of installed packages the name: their versions are
+    recorded.
     """
-    if isinstance(f, Scene):
-        return f.hash
+    seen = {} if seen is None else seen
+    if f is None or isinstance(f, bool | int | float | complex | str | bytes | np.generic):
+        return repr(f)
+    if id(f) in seen:
+        return f"again {list(seen).index(id(f))}"
+    seen[id(f)] = f  # kept, so that nothing else gets its number
     if isinstance(f, Measure):
         return f"{dict(f.units)} {identity(f.function, seen)} {identity(f.prepare, seen)}"
-    if isinstance(f, partial):
-        return f"partial({', '.join(identity(p, seen) for p in (f.func, f.args, f.keywords))})"
-    if isinstance(f, np.ndarray):
-        return f"{f.dtype} {f.shape} {hashlib.sha256(np.ascontiguousarray(f).tobytes()).hexdigest()}"
-    if isinstance(f, tuple | list | dict) and id(f) not in seen:
-        parts = [*f.items()] if isinstance(f, dict) else [*f]
-        return f"{type(f).__name__}({', '.join(identity(p, seen | {id(f)}) for p in parts)})"
-    if isinstance(f, FunctionType | type | ModuleType) and not _own(f):
-        return f"{getattr(f, '__module__', '')}.{f.__name__}"
+    if isinstance(f, Scene):
+        return f.hash
+    if isinstance(f, Block):
+        return Scene({"y": Pick(f, f.outputs[0]) if f.outputs else f}).hash
+    if isinstance(f, Generated | Recording):
+        return repr(f)  # which makes it again, the file of a recording by its sha256
     if isinstance(f, ModuleType):
-        return inspect.getsource(f)
-    if isinstance(f, MethodType):
-        return f"{identity(f.__func__, seen)} of {identity(f.__self__, seen)}"
-    if isinstance(f, type):
-        return f"{f.__module__}.{f.__qualname__} {_text(f)}"
-    if not isinstance(f, FunctionType):
-        if type(f).__module__ == "builtins" or not (callable(f) or is_dataclass(f)):
-            return repr(f)
-        return f"{identity(type(f), seen)} {_state(f)}"
-    if id(f) in seen:
+        return inspect.getsource(f) if _own(f) else f.__name__
+    if isinstance(f, np.ndarray) and not f.dtype.hasobject:
+        return f"{f.dtype} {f.shape} {hashlib.sha256(np.ascontiguousarray(f).tobytes()).hexdigest()}"
+    if isinstance(f, list | tuple | dict | set | frozenset):
+        listed = f.items() if isinstance(f, dict) else sorted(f, key=repr) if isinstance(f, set | frozenset) else f
+        return f"{type(f).__name__}({', '.join(identity(v, seen) for v in listed)})"
+    return _of_function(f, seen) if isinstance(f, FunctionType) else _of_object(f, seen)
+
+
+def _of_function(f: FunctionType, seen: dict[int, Any]) -> str:
+    if not _own(f):
         return f"{f.__module__}.{f.__qualname__}"
-    seen |= {id(f)}
     closed = {name: c.cell_contents for name, c in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True)}
     named = {n: f.__globals__[n] for n in sorted(_names(f.__code__)) if n in f.__globals__} | closed
     used = [f"{n}={identity(v, seen)}" for n, v in named.items() if _counts(n, v)]
-    return "\n".join([f.__qualname__, _text(f), identity(f.__defaults__, seen), identity(f.__kwdefaults__, seen), *used])
+    code = repr(_code(f.__code__))  # two lambdas of one line have one text
+    return "\n".join([f.__qualname__, _text(f), code, identity(f.__defaults__, seen), identity(f.__kwdefaults__, seen), *used])
 
 
-def _state(f: Any) -> str:
-    """The content of an object, such as a spline; where it cannot be pickled, what it says, which may be its address."""
+def _of_object(f: Any, seen: dict[int, Any]) -> str:
+    """Of a class its source, of an instance also what a pickle would hold, of what is wrapped (cached, compiled) the function."""
+    kind = f if isinstance(f, type) else type(f)
+    text = f"{kind.__module__}.{kind.__qualname__} {_text(kind)}"
+    if isinstance(f, type):
+        return text
+    if hasattr(f, "__wrapped__"):
+        return f"{text} {identity(f.__wrapped__, seen)}"
     try:
-        return hashlib.sha256(pickle.dumps(f)).hexdigest()
-    except Exception:
-        return repr(f)
+        state = reduce(f) if (reduce := dispatch_table.get(kind)) else f.__reduce_ex__(4)
+    except Exception:  # a lock, an open file: no constant
+        return text
+    if isinstance(state, str):
+        return f"{text} {getattr(f, '__module__', '')}.{state}"
+    how, *what = [list(v) if isinstance(v, Iterator) else v for v in state]
+    return f"{text} {getattr(how, '__qualname__', '')} {identity(what, seen)}"
 
 
 def _text(f: Any) -> str:
     try:
         return inspect.getsource(f)
     except (OSError, TypeError):
-        return repr(_code(f.__code__)) if hasattr(f, "__code__") else ""
+        return ""
 
 
-def _code(code: CodeType) -> tuple[Any, ...]:
+def _code(code: CodeType) -> list[Any]:
     """What runs, without lines and places."""
-    return (code.co_code, code.co_names, *(_code(c) if isinstance(c, CodeType) else c for c in code.co_consts))
+    constants = [
+        _code(c) if isinstance(c, CodeType) else sorted(c, key=repr) if isinstance(c, frozenset) else c for c in code.co_consts
+    ]
+    return [code.co_code, code.co_exceptiontable, code.co_names, *constants]
 
 
 def _names(code: CodeType) -> set[str]:
@@ -170,13 +184,14 @@ def _names(code: CodeType) -> set[str]:
 
 
 def _counts(name: str, value: Any) -> bool:
-    """Numbers, texts, collections of them, functions, classes, modules, and objects that are called or have fields."""
+    """Numbers, texts, collections of them, scenes, modules, and what is called or has fields; not what a package made, such as
+    ``scipy.stats.norm``, whose content is a random state."""
     holder = sys.modules.get(type(value).__module__)
     packaged = holder is not None and holder.__name__ != "__main__" and not _own(holder)
-    if isinstance(value, BuiltinFunctionType | np.ufunc) or (packaged and getattr(holder, name, None) is value):
-        return False  # the second: what a package made, such as ``scipy.stats.norm``, whose content is a random state
-    kinds = (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, ModuleType, Scene)
-    return isinstance(value, kinds) or callable(value) or is_dataclass(value)
+    if packaged and not isinstance(value, np.ufunc) and getattr(holder, name, None) is value:
+        return False
+    kinds = (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, ModuleType)
+    return isinstance(value, (*kinds, Scene, Block, Recording)) or callable(value) or is_dataclass(value)
 
 
 def _own(f: Any) -> bool:
