@@ -47,6 +47,12 @@ def cluster():
         yield client
 
 
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """Workers that were killed come again, on a busy machine late: only one test is about that warning."""
+    monkeypatch.setattr(engines, "LONELY", 600.0)
+
+
 def whole(folder):
     """Rows of all parts: none of them twice."""
     keys = [key for p in folder.glob("part-*.parquet") for key in pq.read_table(p)["key"].to_pylist()]
