@@ -442,3 +442,8 @@ def test_a_wide_diamond_is_not_walked_twice():
 def test_constants():
     assert constant(3, "N").value == 3.0 and isinstance(constant(3).value, float)
     assert isinstance(Const(2.0) * x, Block)
+
+
+def test_a_delay_of_a_time_names_its_argument():
+    with pytest.raises(BadValue, match="seconds=0.01"):
+        blocks.delay(x, 0.01)

@@ -94,4 +94,6 @@ def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
     >>> proc.process(np.array([[1.0, 2.0, 3.0]]))
     array([[0., 0., 1.]])
     """
+    if isinstance(samples, float):
+        raise BadValue(f"delay: samples = {samples!r} must be a whole number; a time is delay(x, seconds={samples!r})")
     return Delay(as_block(x), samples, seconds)
