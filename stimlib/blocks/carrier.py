@@ -19,6 +19,7 @@ from ..core.program import lead
 from ..core.units import unit
 from ..errors import BadValue, UnitError
 from .bump import sinpi
+from .filters import below_half
 from .impedance import with_unit
 
 U, INT = np.uint64, np.int64
@@ -44,6 +45,11 @@ def two_words(v: Fraction) -> tuple[float, float]:
     """A number to 106 bits, as a sum."""
     high = float(v)
     return high, float(v - Fraction(high))
+
+
+def phase_word(phase: float) -> np.uint64:
+    """A phase in rad as turns of 2^-64."""
+    return U(round(Fraction(phase) / Fraction(2 * math.pi) * 2**64) % 2**64)
 
 
 def increment(p, f):
@@ -95,13 +101,11 @@ class Carrier(Block):
         return un.ONE
 
     def design(self, fs):
-        f = self.freq
-        if isinstance(f, (Const, Param)) and f.value >= fs / 2:
-            raise BadValue(f"carrier: freq = {f.value:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
-        turns = Fraction(self.phase) / Fraction(2 * math.pi)
+        if isinstance(self.freq, (Const, Param)):
+            below_half("carrier", fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
         p = CarrierParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify)))
-        return p, CarrierState(U(round(turns * 2**64) % 2**64), U(wait))
+        return p, CarrierState(phase_word(self.phase), U(wait))
 
     @staticmethod
     def step(p, s, f, contact):

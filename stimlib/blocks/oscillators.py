@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from ..core.maths import as_float, fma, where
 from ..core.program import lead
 from ..core.units import unit
 from ..errors import BadValue, UnitError
-from .carrier import carrier, fold, increment, two_words
+from .carrier import carrier, fold, increment, phase_word, two_words
 from .events import Event
 from .filters import below_half
 from .impedance import with_unit
@@ -84,10 +83,9 @@ class Oscillator(Block):
     def design(self, fs):
         if isinstance(self.freq, (Const, Param)):
             below_half("oscillator", fs, freq=self.freq.value)
-        turns = Fraction(self.phase) / Fraction(2 * math.pi)
         wait = lead(fs) if self.autonomous else 0
         p = OscillatorParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(WAVEFORMS.index(self.waveform)))
-        return p, OscillatorState(U(round(turns * 2**64) % 2**64), U(wait))
+        return p, OscillatorState(phase_word(self.phase), U(wait))
 
     @staticmethod
     def step(p, s, f, duty):
