@@ -156,7 +156,7 @@ def test_a_sweep_that_was_stopped_goes_on(tmp_path, number):
     os.kill(job.pid, number)
     out, err = job.communicate(timeout=20)
     there = whole(folder)
-    assert 32 <= there < 128 and "Traceback" not in err, err
+    assert 4 <= there < 128 and "Traceback" not in err, (there, err)  # four parts, of as many rows as the clock gave them
     assert number == signal.SIGKILL or (job.returncode == 130 and f"{there} of 128 rows were done; run it again" in out)
     until = time.monotonic() + 10
     while subprocess.run(["pgrep", "-s", str(job.pid)], capture_output=True).stdout:  # its workers
