@@ -7,8 +7,10 @@ python benchmarks/sweep.py --record    and keep the figures in results/sweep.csv
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +21,12 @@ from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.speed.timing import interleaved, medians, ratio
 from stimlib.sweep import grid, sweep
-from stimlib.sweep.drive import drive
+from stimlib.sweep.drive import drive, joined
 from stimlib.sweep.engines import Local
 from stimlib.sweep.plan import row_keys
-from stimlib.sweep.store import Store
+from stimlib.sweep.store import LARGEST, Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import Runner
+from stimlib.sweep.work import Runner, figures_table
 
 MS = "ms/row"
 HAND = minimum_jerk(depth=0.02)
@@ -66,9 +68,28 @@ def measure() -> list[Row]:
     one, several = (float(np.median([s[k] for s in speeds])) for k in (0, 1))
     found += [row("1 process", 1e3 / one, MS), row(f"{cores} processes", 1e3 / several, MS)]
     found.append(row(f"rate: {cores} processes / 1 process", float(np.median([b / a for a, b in speeds])), TIMES))
+    return [*found, *a_million(scene)]
+
+
+def a_million(scene: stimlib.Scene) -> list[Row]:
+    """Rows that are planned, and rows that are all there, in a folder of figures that somebody else made (here: drawn)."""
+    rows = grid(seed=range(4000), k=np.linspace(500, 3000, 250))
     began = time.perf_counter()
-    sweep(scene, grid(seed=range(4000), k=np.linspace(500, 3000, 250)), **WORDS, dry=True)
-    return [*found, row("1e6 rows, planned", time.perf_counter() - began, "s")]
+    sweep(scene, rows, **WORDS, dry=True)
+    planning = time.perf_counter() - began
+    table, plan, motions, facts, about = planned(scene, rows, **WORDS, live=None)
+    drawn = np.random.default_rng(0).normal(size=(len(plan.units), table.num_rows))
+    figures = figures_table(plan, list(drawn.T), [None] * table.num_rows, [None] * table.num_rows)
+    keyed = table.append_column("key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()}))
+    with tempfile.TemporaryDirectory() as folder:
+        with Store(Path(folder), facts, about) as store:
+            for at in range(0, table.num_rows, LARGEST):
+                store.add(joined(plan, keyed.slice(at, LARGEST), figures.slice(at, LARGEST)))
+        began = time.perf_counter()
+        again = sweep(scene, rows, **WORDS, out=folder)
+        resuming = time.perf_counter() - began
+    assert np.array_equal(again.column(table.num_columns), drawn[0])
+    return [row("1e6 rows, planned", planning, "s"), row("1e6 rows, resumed", resuming, "s")]
 
 
 if __name__ == "__main__":

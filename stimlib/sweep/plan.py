@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 PACKAGES = ("stimlib", "numpy", "scipy", "numba", "llvmlite")
 KEY = 16  # bytes
+CHUNK = 100_000  # rows that are Python objects at once
 INSTALLED = [Path(sysconfig.get_path("stdlib")).resolve(), Path(__file__).resolve().parents[1]]
 """Folders of modules whose versions are recorded, besides those of packages."""
 
@@ -237,14 +238,17 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
     else:
         columns.append(np.tile(np.frombuffer(digests[""], np.uint8), (n, 1)))
     columns += [_words(pa, table[name]) for name in sorted((*plan.roles.live, *plan.roles.arguments))]
-    records = np.concatenate(columns, axis=1).tobytes()
-    width, shared = len(records) // n, hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)
-    hashed = []
-    for i in range(0, len(records), width):
+    records = np.concatenate(columns, axis=1)
+    shared = hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)
+
+    def key(record: bytes) -> bytes:
         h = shared.copy()  # half the time of a new one
-        h.update(records[i : i + width])
-        hashed.append(h.digest())
-    return pa.FixedSizeBinaryArray.from_buffers(pa.binary(KEY), n, [None, pa.py_buffer(b"".join(hashed))])
+        h.update(record)
+        return h.digest()
+
+    whole = records.view(f"V{records.shape[1]}").ravel()
+    keys = b"".join(b"".join(map(key, whole[at : at + CHUNK].tolist())) for at in range(0, n, CHUNK))
+    return pa.FixedSizeBinaryArray.from_buffers(pa.binary(KEY), n, [None, pa.py_buffer(keys)])
 
 
 def _words(pa: Any, column: Any) -> np.ndarray:

@@ -9,6 +9,8 @@ import os
 import time
 import warnings
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -86,7 +88,9 @@ class Store:
         if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
             raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
         names = ["key", *self._about["units"], "fault", "error"]
-        parts = {path: _part(path, names) for path in sorted(folder.glob("part-*.parquet"))}
+        paths = sorted(folder.glob("part-*.parquet"))
+        with ThreadPoolExecutor() as threads:
+            parts = dict(zip(paths, threads.map(partial(_part, names=names), paths), strict=True))
         self.tables += [table for table in parts.values() if table is not None]
         if self.dry:
             return
