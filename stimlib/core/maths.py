@@ -23,7 +23,13 @@ SILENT = 1e-190
 F = np.float64
 
 if hasattr(math, "fma"):  # Python >= 3.13
-    _fma = math.fma
+
+    def _fma(a, b, c):
+        try:
+            return math.fma(a, b, c)
+        except (OverflowError, ValueError):  # where the C library returns inf or nan
+            return a * b + c
+
 else:
     _fma = ctypes.CDLL(None).fma
     _fma.argtypes, _fma.restype = [ctypes.c_double] * 3, ctypes.c_double
@@ -31,10 +37,7 @@ else:
 
 def fma(a, b, c):
     """a*b + c with one rounding."""
-    try:
-        return F(_fma(a, b, c))
-    except (OverflowError, ValueError):  # math.fma raises where the C library returns inf or nan
-        return F(a) * F(b) + F(c)
+    return F(_fma(float(a), float(b), float(c)))
 
 
 def sqrt(x):
@@ -141,37 +144,42 @@ def tree(s):
 
 def fir(taps, w, y):
     """y[i] = sum_j taps[j] w[i + j], eight partial sums.  taps.size is a multiple of 8; w has y.size + taps.size - 1."""
+    taps, w = taps.tolist(), w.tolist()  # Python's floats: the same bits, in half the time
     for i in range(y.size):
-        s = [F(0.0)] * 8
-        for j in range(taps.size):
-            s[j % 8] = fma(taps[j], w[i + j], s[j % 8])
+        s = [0.0] * 8
+        for j, tap in enumerate(taps):
+            s[j % 8] = _fma(tap, w[i + j], s[j % 8])
         y[i] = tree(s)
 
 
 def modes(p, r, q, d, x, y, w):
     """q = p q + (x + TINY);  y = d x + sum r q, eight partial sums, flushed.  p.size is a multiple of 8; w: 8 y.size."""
+    p, r, state = p.tolist(), r.tolist(), q.tolist()
     for i in range(y.size):
-        s = [F(0.0)] * 8
-        v = x[i] + TINY
-        for k in range(p.size):
-            q[k] = fma(p[k], q[k], v)
-            s[k % 8] = fma(r[k], q[k], s[k % 8])
+        s = [0.0] * 8
+        v = float(x[i]) + TINY
+        for k, pole in enumerate(p):
+            state[k] = _fma(pole, state[k], v)
+            s[k % 8] = _fma(r[k], state[k], s[k % 8])
         y[i] = flush(fma(d, x[i], tree(s)))
+    q[:] = state
 
 
 def memory(e, r, q, low, x, y, w):
     """``modes`` without d, for very slow ones: with the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of
     the first low.size states, nothing that they add up is rounded away.  e.size and low.size are multiples of 8; w: 8 y.size."""
+    leak, r, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
     for i in range(y.size):
-        s = [F(0.0)] * 8
-        v = x[i] + TINY
-        for k in range(low.size):
-            t = fma(-e[k], q[k], v) + low[k]
-            new = q[k] + t
-            low[k] = t - (new - q[k])
-            q[k] = new
-            s[k % 8] = fma(r[k], new, s[k % 8])
-        for k in range(low.size, e.size):
-            q[k] = q[k] + fma(-e[k], q[k], v)
-            s[k % 8] = fma(r[k], q[k], s[k % 8])
+        s = [0.0] * 8
+        v = float(x[i]) + TINY
+        for k in range(len(second)):
+            t = _fma(-leak[k], state[k], v) + second[k]
+            new = state[k] + t
+            second[k] = t - (new - state[k])
+            state[k] = new
+            s[k % 8] = _fma(r[k], new, s[k % 8])
+        for k in range(len(second), len(leak)):
+            state[k] = state[k] + _fma(-leak[k], state[k], v)
+            s[k % 8] = _fma(r[k], state[k], s[k % 8])
         y[i] = flush(tree(s))
+    q[:], low[:] = state, second
