@@ -16,7 +16,7 @@ from ..design import responses
 from ..design.resample import resampled
 from ..errors import BadValue, UnitError
 from .bump import regular, sinpi
-from .events import as_event
+from .events import as_event, happens
 from .filters import below_half
 from .impedance import with_unit
 
@@ -112,10 +112,7 @@ class Ring(Block):
 
     @staticmethod
     def tile(p, s, event, freq, decay, y):
-        some = NONE
-        for i in range(y.size):
-            some = some + where(event[i] == 0.0, NONE, ONE)
-        if some == NONE and rests(s, 0.0) > 0.0:
+        if happens(event) == NONE and rests(s, 0.0) > 0.0:
             y[:] = 0.0
             return s
         t = turn(p, freq[0], decay[0])
@@ -217,10 +214,8 @@ class Grain(Block):
     @staticmethod
     def tile(p, s, event, y):
         size = U(s.ahead.size)
-        at, left, some = s.at % size, s.left, NONE  # a state may come from anywhere
-        for i in range(y.size):
-            some = some + where(event[i] == 0.0, NONE, ONE)
-        if left == NONE and some == NONE:
+        at, left = s.at % size, s.left  # a state may come from anywhere
+        if left == NONE and happens(event) == NONE:
             y[:] = 0.0
             return s
         for i in range(y.size):
