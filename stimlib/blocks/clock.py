@@ -45,7 +45,7 @@ class Time(Block):
         return s.n / p.fs, TimeState(s.n + 1.0)
 
 
-def time() -> Block:
+def elapsed() -> Block:
     """The time since sample 0; inside ``enabled``, that in which the block has run.
 
     Returns
@@ -56,8 +56,8 @@ def time() -> Block:
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks import time
-    >>> stimlib.compile(stimlib.Scene({"t": time()}), fs=8).process(np.empty((0, 4)))
+    >>> from stimlib.blocks import elapsed
+    >>> stimlib.compile(stimlib.Scene({"t": elapsed()}), fs=8).process(np.empty((0, 4)))
     array([[0.   , 0.125, 0.25 , 0.375]])
     """
     return Time()

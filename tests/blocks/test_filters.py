@@ -223,6 +223,7 @@ def test_a_cutoff_that_sweeps_at_audio_rate_stays_bounded(wave):
 
 # Sums and levels ------------------------------------------------------------------------------------------------------
 def test_an_integral_is_exact_for_straight_lines_and_after_hours():
+    assert stimlib.compile(Scene({"y": b.integrate(1.0)}), 4).process(np.empty((0, 2)))[0].tolist() == [0.125, 0.375]
     proc = stimlib.compile(Scene({"y": b.integrate(X)}), 1000)
     y = proc.process(np.full((1, 1_000_000), 0.1))[0]
     proc.state = proc.state  # goes on where it was

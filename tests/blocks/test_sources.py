@@ -107,6 +107,24 @@ def test_a_recording_is_played_once_or_again_and_again():
     np.testing.assert_array_equal(run(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 1000 / 300), 25))
 
 
+@pytest.mark.parametrize(("rate", "loop"), [(1000, False), (300, True), (4000, True)])
+def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
+    """Forwards at up to its own speed, backwards, around; a wave at 0.44 of the lower rate."""
+    f = 0.44 * min(rate, 1000)
+    x = np.cos(2 * np.pi * f * np.arange(rate) / rate + 1)
+    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000 + (-2.9 if loop else 0.1)
+    block = b.playback(x, rate, loop, at=Input("t", "s"))
+    y = run(block, t)
+    assert (t[-1] < 0.9 or loop) and np.abs(y - np.cos(2 * np.pi * f * t + 1)).max() < 1e-5
+    ends = run(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
+    np.testing.assert_allclose(ends, np.cos(1) if loop else [0, ends[1], ends[2], 0], atol=1e-4)
+
+
+def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
+    x = np.cos(2 * np.pi * 580 * np.arange(4000) / 4000)
+    assert np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max() < 1e-5
+
+
 def test_noise_of_a_band_has_its_level_at_every_rate():
     for fs in (1000, 4000):
         y = run(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
@@ -127,6 +145,12 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
         (lambda: b.at("noon"), BadValue, "At.times must be numbers"),
         (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
         (lambda: b.playback([1.0], 0), BadValue, "Playback.rate = 0.0 must be above 0"),
+        (
+            lambda: b.playback([1.0], 8000, at=Input("x", "m")),
+            UnitError,
+            r"at Input\('x', 'm'\) \[m\] must be in s; divide a place",
+        ),
+        (lambda: b.playback([1.0], 8000, at=b.every(1.0)), BadValue, r"is an event, of one sample; give a time"),
         (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
         (lambda: b.band_noise(100, 300, 0, seed=1), BadValue, "psd = 0.0 must be above 0"),
     ],
