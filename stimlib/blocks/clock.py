@@ -144,7 +144,7 @@ class At(Event):
 
     def design(self, fs):
         samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
-        return AtParams(fs, np.append(samples, [LONG, 2 * LONG]), np.append(heights.astype(float), [0.0, 0.0])), ()
+        return AtParams(fs, np.append(samples, LONG), np.append(heights.astype(float), 0.0)), ()
 
     @staticmethod
     def step(p, s, t):
@@ -212,8 +212,7 @@ class Timeline(Block):
         return unit(self.unit)
 
     def design(self, fs):
-        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))
-        times[0], times[-1] = times[0] - 1.0, times[-1] + 1.0  # held before the first and after the last
+        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))  # held at both ends
         return TimelineParams(times, values, float(TIMELINES.index(self.kind))), ()
 
     @staticmethod
@@ -223,7 +222,7 @@ class Timeline(Block):
         z = (t - p.times[i]) / where(width > 0.0, width, 1.0)
         z = where(z > 0.0, where(z < 1.0, z, 1.0), 0.0)
         c = sinpi(0.5 * z)
-        w = where(p.kind == 0.0, where(z < 1.0, 0.0, 1.0), where(p.kind == 1.0, z, c * c))
+        w = where(p.kind == 0.0, 0.0, where(p.kind == 1.0, z, c * c))
         return fma(w, p.values[i + 1], fma(-w, p.values[i], p.values[i])), s
 
 

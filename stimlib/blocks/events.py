@@ -200,7 +200,6 @@ def crossed(p, s, x):
     line = 0.5 * (s.cell + cell + 1.0) + where(n > 0.0, p.half, -p.half)
     part = (line - s.last) / where(u == s.last, 1.0, u - s.last)
     later = p.split * n * where(part > 0.0, where(part < 1.0, part, 1.0), 0.0)
-    later = where(n == 0.0, 0.0, later)
     after = CrossingState(cell, where(good > 0.0, u, s.last), later, where(good > 0.0, 0.0, s.cold))
     return s.carry + (n - later), after
 

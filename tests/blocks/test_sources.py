@@ -44,6 +44,7 @@ def test_a_sample_is_the_mean_over_the_period_around_it(waveform, freq):
 def test_what_does_not_move_stays():
     assert run(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
     assert run(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
+    assert run(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
     np.testing.assert_allclose(run(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15)
 
 
@@ -85,6 +86,21 @@ def test_the_phase_of_an_hour_of_sweep(kind, tol):
     assert Chirp.step(p, (), 3600.0)[0] == 0.0
 
 
+@pytest.mark.parametrize("source", [b.chirp(400, 400, 9.0), b.playback([1.0], 1000, loop=True), b.every(0.001)])
+def test_nothing_sounds_before_sample_0(source):
+    """A filter of a source runs before sample 0."""
+    assert run(b.moving_average(source, 0.01), 1)[0] == run(source, 1)[0] / 10
+
+
+def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
+    from stimlib.blocks.oscillators import Oscillator
+
+    y = run(b.oscillator(100, "pulse", X), np.repeat([1.0, 7.0, -1.0], 3))
+    np.testing.assert_allclose(y, np.repeat([1.0, 1.0, 0.0], 3), atol=1e-13)
+    p, s = b.oscillator(100, "pulse", X).design(1000)
+    assert np.isnan(Oscillator.step(p, s, 0.0, np.nan)[0])
+
+
 def test_a_sweep_may_stand():
     np.testing.assert_allclose(run(b.chirp(50, 50, 1.0, "exponential"), 40), np.sin(np.pi * np.arange(40) / 10), atol=1e-14)
 
@@ -98,7 +114,8 @@ def test_jittered_pulses_keep_their_order_and_none_is_lost():
     at = np.repeat(np.arange(10_000), y.astype(int))
     wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))  # read at the sample that ends the period before
     assert np.abs(at[1:] - wanted).max() <= 1
-    assert np.diff(np.flatnonzero(run(b.pulse_train(30.0), 1000))).tolist().count(33) > 15
+    regular = np.flatnonzero(run(b.pulse_train(30.0), 1000))
+    assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
 
 
 def test_a_recording_is_played_once_or_again_and_again():
@@ -125,6 +142,11 @@ def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
     assert np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max() < 1e-5
 
 
+@pytest.mark.parametrize("at", [None, Input("t", "s")])
+def test_a_recording_has_a_unit(at):
+    assert str(b.playback([1.0], 1000, unit="N", at=at).dim) == "N"
+
+
 def test_noise_of_a_band_has_its_level_at_every_rate():
     for fs in (1000, 4000):
         y = run(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
@@ -136,6 +158,7 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
     [
         (lambda: b.oscillator(100, "saw"), BadValue, "waveform = 'saw'; choose one of sine, triangle, sawtooth"),
         (lambda: b.oscillator(-1.0, "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
+        (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
         (lambda: b.oscillator(100, "square", duty=1.0), BadValue, "duty = 1 must be above 0 and below 1"),
         (lambda: b.oscillator(X, "square"), UnitError, r"freq Input\('x'\) \[1\] must be in Hz"),
         (lambda: b.oscillator(100, "square", Input("d", "m")), UnitError, "duty .* must have no unit"),
