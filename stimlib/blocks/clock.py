@@ -74,6 +74,7 @@ class Every(Event):
 
     t: Block
     period: float
+    live = "pulse_train(rate) has a rate that moves"
 
     def check(self):
         positive(self, "period")
@@ -259,5 +260,5 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
     try:
         times, values = zip(*points, strict=True)
     except (TypeError, ValueError):
-        raise BadValue(f"timeline: points must be pairs of a time and a value, got {points!r:.200}") from None
+        raise BadValue(f"timeline: points must be pairs (time, value), such as zip(times, values), got {points!r:.180}") from None
     return Timeline(Time(), np.array(times), np.array(values), kind, unit)

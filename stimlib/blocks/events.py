@@ -215,6 +215,7 @@ class Crossing(Event):
     spacing: float
     hysteresis: float
     split: bool
+    live = "crossing(x/spacing, 1.0) has a spacing that moves"
 
     def check(self):
         positive(self, "spacing")

@@ -11,12 +11,12 @@ import numpy as np
 
 from ..core import units as un
 from ..core.bounds import limits
-from ..core.graph import Block, positive
+from ..core.graph import Block, in_unit, positive
 from ..core.maths import as_float, exp, floor, fma, where
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import HALF, oversampled, resampled
-from ..errors import BadValue, UnitError
+from ..errors import BadValue
 from .bump import sinpi
 from .carrier import two_words
 from .clock import Time
@@ -50,6 +50,7 @@ class Chirp(Block):
     f1: float
     seconds: float
     kind: str
+    live = "oscillator(freq) has a frequency that moves"
 
     def check(self):
         if self.kind not in CHIRPS:
@@ -193,8 +194,7 @@ class Scanned(Block):
     check = Playback.check
 
     def units(self, *u):
-        if u[0] != unit("s"):
-            raise UnitError(f"playback: at {self.t!r} [{u[0]}] must be in s; divide a place by a speed")
+        in_unit("playback: at", self.t, u[0], "s")
         return unit(self.unit)
 
     def design(self, fs):
@@ -225,6 +225,7 @@ def playback(samples, rate: float, loop: bool = False, unit: str = "", at=None) 
     Parameters
     ----------
     samples : array_like, shape (n,)
+        Numbers; of a sound file, a column of what ``soundfile.read`` gives.
     rate : float
         Their sample rate in Hz.
     loop : bool

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import NONE, ONE, Block, Const, positive
+from ..core.graph import NONE, ONE, Block, Const, in_unit, positive
 from ..core.maths import SILENT, TINY, exp, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import resampled
-from ..errors import BadValue, UnitError
+from ..errors import BadValue
 from .bump import regular, sinpi
 from .events import as_event, happens
 from .filters import below_half
@@ -82,9 +82,8 @@ class Ring(Block):
                 raise BadValue(f"ring: {name} = {v.value:g} must be above 0")
 
     def units(self, *u):
-        for name, v, wanted in (("freq", u[1], "Hz"), ("decay", u[2], "s")):
-            if v != unit(wanted):
-                raise UnitError(f"ring: {name} {getattr(self, name)!r} [{v}] must be in {wanted}")
+        in_unit("ring: freq", self.freq, u[1], "Hz")
+        in_unit("ring: decay", self.decay, u[2], "s")
         return u[0]
 
     def design(self, fs):

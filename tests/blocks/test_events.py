@@ -269,6 +269,7 @@ def test_a_deep_product_is_looked_through_once():
         (lambda: b.timeline([(1, 0), (0, 1)]), BadValue, "0 s comes after 1 s"),
         (lambda: b.timeline([1, 2]), BadValue, "points must be pairs"),
         (lambda: b.timeline([(0, 1)], "cubic"), BadValue, "kind = 'cubic'; choose one of step"),
+        (lambda: b.crossing(X, stimlib.constant(0.01)), BadValue, r"Const\(0.01\); write the number 0.01"),
         (lambda: b.ring(E, -1, 1), BadValue, "freq = -1 must be above 0"),
         (lambda: b.ring(E, 100, Input("d")), UnitError, "decay .* must be in s"),
         (lambda: b.ring(E, 100, 1, "square"), BadValue, "onset = 'square'; choose sine or cosine"),
