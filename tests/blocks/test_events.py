@@ -90,6 +90,8 @@ def test_events_in_and_after_stretches_in_which_nothing_happens():
     assert np.flatnonzero(run(b.falling(X, 0.5), x)).tolist() == [128]
     x = np.repeat([0.5, 1.5, 1.5, 0.5], 64)
     assert np.flatnonzero(run(b.crossing(X, 1.0), x)).tolist() == [64, 192]
+    first = run(b.crossing(X, 1.0, 0.1), np.repeat([1.03125, 0.9], 64))
+    assert first[64] == -1, "the first sample is in its cell, whatever the hysteresis"
     x = np.r_[np.linspace(0.5, 0.75, 128), np.full(63, 0.5), np.full(128, 1.25)]
     y = run(b.crossing(X, 1.0, split=True), x)
     np.testing.assert_allclose(y[[191, 192]], [1 / 3, 2 / 3], rtol=1e-15)
