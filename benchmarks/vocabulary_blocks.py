@@ -59,6 +59,7 @@ def silence() -> list[Row]:
     """What waits for an event."""
     words = {"ring": b.ring(X, 150, 0.01), "grain of 800 samples": b.grain(X, SHAPE, FS), "burst": b.burst(X, 0.02, 0.005)}
     words |= {"rising": b.rising(X, 0.5), "crossing": b.crossing(X, 0.01), "once within": b.once_within(X, 0.01)}
+    words |= {"envelope": b.envelope(X)}
     jobs = {"a copy": puller(1.0 * X, SILENCE)} | {name: puller(word, SILENCE) for name, word in words.items()}
     return under("silence", compared(jobs, N, "a copy", 15))
 

@@ -1,5 +1,6 @@
 """What is loaded when: heavy libraries only where they are used."""
 
+import builtins
 import subprocess
 import sys
 
@@ -64,6 +65,12 @@ def test_every_public_name_is_there():
     code = "import stimlib; [getattr(stimlib, n) for n in stimlib.__all__]; assert set(stimlib.__all__) <= set(dir(stimlib))"
     loaded(code)
     loaded("from stimlib import *")
+
+
+def test_a_star_hides_nothing_that_is_built_in():
+    from stimlib import blocks
+
+    assert not set(blocks.__all__) & {*dir(builtins), *sys.stdlib_module_names}
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -5,7 +5,7 @@ from ..core.loops import loop
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .bump import bump
 from .carrier import carrier
-from .clock import at, every, time, timeline
+from .clock import at, elapsed, every, timeline
 from .continuous import equal_force, springpot_stiffness
 from .creep import compliance, compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from .delay import delay
@@ -33,11 +33,11 @@ from .transients import grain, ring
 __all__ = [
     "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
     "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
-    "crossing", "delay", "differentiator", "enabled", "envelope", "envelope_follower", "equal_force", "equalize", "every",
-    "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
+    "crossing", "delay", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force", "equalize",
+    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
     "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "maximum", "maxwell", "minimum",
     "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
     "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
     "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit",
-    "svf", "tanh", "time", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
+    "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Param, as_block
+from ..core.graph import NONE, ONE, Block, Const, Param, as_block, in_unit
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.program import lead
-from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue
 from .bump import sinpi
 from .filters import below_half
 from .impedance import with_unit
@@ -96,8 +95,7 @@ class Carrier(Block):
             raise BadValue(f"carrier: freq = {f.value!r} Hz must be 0 or above")
 
     def units(self, *u):
-        if u[0] != unit("Hz"):
-            raise UnitError(f"carrier: freq {self.freq!r} [{u[0]}] must be in Hz")
+        in_unit("carrier: freq", self.freq, u[0], "Hz")
         return un.ONE
 
     def design(self, fs):

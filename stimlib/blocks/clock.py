@@ -45,7 +45,7 @@ class Time(Block):
         return s.n / p.fs, TimeState(s.n + 1.0)
 
 
-def time() -> Block:
+def elapsed() -> Block:
     """The time since sample 0; inside ``enabled``, that in which the block has run.
 
     Returns
@@ -56,8 +56,8 @@ def time() -> Block:
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> from stimlib.blocks import time
-    >>> stimlib.compile(stimlib.Scene({"t": time()}), fs=8).process(np.empty((0, 4)))
+    >>> from stimlib.blocks import elapsed
+    >>> stimlib.compile(stimlib.Scene({"t": elapsed()}), fs=8).process(np.empty((0, 4)))
     array([[0.   , 0.125, 0.25 , 0.375]])
     """
     return Time()
@@ -74,6 +74,7 @@ class Every(Event):
 
     t: Block
     period: float
+    live = "pulse_train(rate) has a rate that moves"
 
     def check(self):
         positive(self, "period")
@@ -144,7 +145,7 @@ class At(Event):
 
     def design(self, fs):
         samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
-        return AtParams(fs, np.append(samples, [LONG, 2 * LONG]), np.append(heights.astype(float), [0.0, 0.0])), ()
+        return AtParams(fs, np.append(samples, LONG), np.append(heights.astype(float), 0.0)), ()
 
     @staticmethod
     def step(p, s, t):
@@ -212,8 +213,7 @@ class Timeline(Block):
         return unit(self.unit)
 
     def design(self, fs):
-        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))
-        times[0], times[-1] = times[0] - 1.0, times[-1] + 1.0  # held before the first and after the last
+        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))  # held at both ends
         return TimelineParams(times, values, float(TIMELINES.index(self.kind))), ()
 
     @staticmethod
@@ -223,7 +223,7 @@ class Timeline(Block):
         z = (t - p.times[i]) / where(width > 0.0, width, 1.0)
         z = where(z > 0.0, where(z < 1.0, z, 1.0), 0.0)
         c = sinpi(0.5 * z)
-        w = where(p.kind == 0.0, where(z < 1.0, 0.0, 1.0), where(p.kind == 1.0, z, c * c))
+        w = where(p.kind == 0.0, 0.0, where(p.kind == 1.0, z, c * c))
         return fma(w, p.values[i + 1], fma(-w, p.values[i], p.values[i])), s
 
 
@@ -260,5 +260,5 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
     try:
         times, values = zip(*points, strict=True)
     except (TypeError, ValueError):
-        raise BadValue(f"timeline: points must be pairs of a time and a value, got {points!r:.200}") from None
+        raise BadValue(f"timeline: points must be pairs (time, value), such as zip(times, values), got {points!r:.180}") from None
     return Timeline(Time(), np.array(times), np.array(values), kind, unit)

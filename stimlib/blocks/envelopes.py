@@ -14,7 +14,7 @@ from ..core.maths import TINY, as_float, flush, fma, where
 from ..errors import BadValue
 from .bump import sinpi
 from .clock import at
-from .events import as_event, as_signal
+from .events import as_event, as_signal, happens
 
 U = np.uint64
 
@@ -67,10 +67,7 @@ class Burst(Block):
 
     @staticmethod
     def tile(p, s, event, y):
-        some = NONE
-        for i in range(y.size):
-            some = some + where(event[i] == 0.0, NONE, ONE)
-        if some == NONE and as_float(s.k) >= p.n:
+        if happens(event) == NONE and as_float(s.k) >= p.n:
             y[:] = 0.0
             return s
         for i in range(y.size):
@@ -129,7 +126,18 @@ class EnvelopeParams(NamedTuple):
 class EnvelopeState(NamedTuple):
     y: float
     stage: float  # 0 released, 1 attack, 2 decay and sustain
-    gate: float
+
+
+def followed(p, s, gate):
+    """The envelope of one sample and the new state."""
+    on = where(gate > 0.0, 1.0, 0.0)
+    stage = where(on > 0.0, where(s.stage > 0.0, s.stage, 1.0), 0.0)
+    target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
+    g = where(stage == 1.0, p.rise, where(stage == 2.0, p.fall, p.release))
+    y = s.y + fma(g, target - s.y, TINY)
+    full = where(stage == 1.0, where(y >= FULL, 1.0, 0.0), 0.0)
+    y = where(full > 0.0, 1.0, y)
+    return flush(y), EnvelopeState(y, where(full > 0.0, 2.0, stage))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,18 +162,24 @@ class Envelope(Block):
         rise, fall, release = (
             -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0 for t in (self.attack / CURVE, self.decay, self.release)
         )
-        return EnvelopeParams(rise, -1 / math.expm1(-CURVE), fall, self.sustain, release), EnvelopeState(0.0, 0.0, 0.0)
+        return EnvelopeParams(rise, -1 / math.expm1(-CURVE), fall, self.sustain, release), EnvelopeState(0.0, 0.0)
 
     @staticmethod
     def step(p, s, gate):
-        on = where(gate > 0.0, 1.0, 0.0)
-        stage = where(on > 0.0, where(s.gate > 0.0, s.stage, 1.0), 0.0)
-        target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
-        g = where(stage == 1.0, p.rise, where(stage == 2.0, p.fall, p.release))
-        y = s.y + fma(g, target - s.y, TINY)
-        full = where(stage == 1.0, where(y >= FULL, 1.0, 0.0), 0.0)
-        y = where(full > 0.0, 1.0, y)
-        return flush(y), EnvelopeState(y, where(full > 0.0, 2.0, stage), on)
+        return followed(p, s, gate)
+
+    @staticmethod
+    def tile(p, s, gate, y):
+        stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
+        for i in range(y.size):
+            stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
+        level, after = followed(p, s, gate[0])
+        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:  # at rest, or at the sustain level
+            y[:] = level
+            return s
+        for i in range(y.size):
+            y[i], s = followed(p, s, gate[i])
+        return s
 
 
 def envelope(gate, attack: float = 0.005, decay: float = 0.05, sustain: float = 1.0, release: float = 0.05) -> Block:

@@ -56,6 +56,14 @@ def in_unit_of(x: Block, v) -> Block:
     return as_block(v) if x.dim == un.ONE else with_unit(v, str(x.dim))
 
 
+def happens(event):
+    """At how many samples something happens: a tile that finds none may leave its state as it is."""
+    n = NONE
+    for i in range(event.size):
+        n = n + where(event[i] == 0.0, NONE, ONE)
+    return n
+
+
 # Where they come from --------------------------------------------------------------------------------------------------
 class EdgeParams(NamedTuple):
     sign: float  # 1: rising, -1: falling
@@ -64,6 +72,14 @@ class EdgeParams(NamedTuple):
 class EdgeState(NamedTuple):
     above: float
     cold: float
+
+
+def edge(p, s, x, threshold):
+    """The event of one sample and the new state."""
+    d = x - threshold
+    above = where(d == d, where(d > 0.0, 1.0, 0.0), s.above)
+    passed = where(s.cold > 0.0, 0.0, p.sign * (above - s.above))
+    return where(passed > 0.0, 1.0, 0.0), EdgeState(above, where(d == d, 0.0, s.cold))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +99,19 @@ class Edge(Event):
 
     @staticmethod
     def step(p, s, x, threshold):
-        d = x - threshold
-        above = where(d == d, where(d > 0.0, 1.0, 0.0), s.above)
-        passed = where(s.cold > 0.0, 0.0, p.sign * (above - s.above))
-        return where(passed > 0.0, 1.0, 0.0), EdgeState(above, where(d == d, 0.0, s.cold))
+        return edge(p, s, x, threshold)
+
+    @staticmethod
+    def tile(p, s, x, threshold, y):
+        stays = NONE
+        for i in range(y.size):
+            stays = stays + where(where(x[i] - threshold[i] > 0.0, 1.0, 0.0) == s.above, ONE, NONE)
+        if stays == U(y.size) and s.cold == 0.0:
+            y[:] = 0.0
+            return s
+        for i in range(y.size):
+            y[i], s = edge(p, s, x[i], threshold[i])
+        return s
 
 
 def rising(x, threshold=0.0) -> Block:
@@ -163,6 +188,22 @@ class CrossingState(NamedTuple):
     cold: float
 
 
+def crossed(p, s, x):
+    """The lines passed in one sample and the new state."""
+    u = x / p.spacing
+    good = where(u - u == 0.0, 1.0, 0.0)
+    low, high = floor(u - p.half), floor(u + p.half)
+    held = where(s.cell < low, low, where(s.cell > high, high, s.cell))
+    cell = where(good > 0.0, where(s.cold > 0.0, floor(u), held), s.cell)
+    n = where(s.cold > 0.0, 0.0, cell - s.cell)
+    # the lines passed lie, in the mean, at the middle of both cells; which part of the sample was gone there
+    line = 0.5 * (s.cell + cell + 1.0) + where(n > 0.0, p.half, -p.half)
+    part = (line - s.last) / where(u == s.last, 1.0, u - s.last)
+    later = p.split * n * where(part > 0.0, where(part < 1.0, part, 1.0), 0.0)
+    after = CrossingState(cell, where(good > 0.0, u, s.last), later, where(good > 0.0, 0.0, s.cold))
+    return s.carry + (n - later), after
+
+
 @dataclass(frozen=True, eq=False)
 class Crossing(Event):
     """The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u = x/spacing: a play between place and cell.
@@ -174,6 +215,7 @@ class Crossing(Event):
     spacing: float
     hysteresis: float
     split: bool
+    live = "crossing(x/spacing, 1.0) has a spacing that moves"
 
     def check(self):
         positive(self, "spacing")
@@ -192,19 +234,20 @@ class Crossing(Event):
 
     @staticmethod
     def step(p, s, x):
-        u = x / p.spacing
-        good = where(u - u == 0.0, 1.0, 0.0)
-        low, high = floor(u - p.half), floor(u + p.half)
-        held = where(s.cell < low, low, where(s.cell > high, high, s.cell))
-        cell = where(good > 0.0, where(s.cold > 0.0, floor(u), held), s.cell)
-        n = where(s.cold > 0.0, 0.0, cell - s.cell)
-        # the lines passed lie, in the mean, at the middle of both cells; which part of the sample was gone there
-        line = 0.5 * (s.cell + cell + 1.0) + where(n > 0.0, p.half, -p.half)
-        part = (line - s.last) / where(u == s.last, 1.0, u - s.last)
-        later = p.split * n * where(part > 0.0, where(part < 1.0, part, 1.0), 0.0)
-        later = where(n == 0.0, 0.0, later)
-        after = CrossingState(cell, where(good > 0.0, u, s.last), later, where(good > 0.0, 0.0, s.cold))
-        return s.carry + (n - later), after
+        return crossed(p, s, x)
+
+    @staticmethod
+    def tile(p, s, x, y):
+        stays = NONE
+        for i in range(y.size):
+            u = x[i] / p.spacing
+            stays = stays + where(floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE)
+        if stays == U(y.size) and s.carry == 0.0 and s.cold == 0.0:
+            y[:] = 0.0
+            return CrossingState(s.cell, x[y.size - 1] / p.spacing, 0.0, 0.0)
+        for i in range(y.size):
+            y[i], s = crossed(p, s, x[i])
+        return s
 
 
 def crossing(x, spacing: float, hysteresis: float = 0.0, split: bool = False) -> Block:
@@ -346,6 +389,13 @@ class Left(NamedTuple):
     left: np.uint64  # samples in which nothing passes
 
 
+def passed(p, s, event):
+    """What passes of one sample and the new state."""
+    goes = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
+    left = where(goes > 0.0, U(p.samples), s.left)
+    return where(goes > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
+
+
 @dataclass(frozen=True, eq=False)
 class OnceWithin(Event):
     """An event passes, and then none for n - 1 samples; what comes then is lost and does not prolong it."""
@@ -361,9 +411,17 @@ class OnceWithin(Event):
 
     @staticmethod
     def step(p, s, event):
-        passed = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
-        left = where(passed > 0.0, U(p.samples), s.left)
-        return where(passed > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
+        return passed(p, s, event)
+
+    @staticmethod
+    def tile(p, s, event, y):
+        n = U(y.size)
+        if happens(event) == NONE:
+            y[:] = 0.0
+            return Left(where(s.left > n, s.left - n, NONE))
+        for i in range(y.size):
+            y[i], s = passed(p, s, event[i])
+        return s
 
 
 def once_within(event, refractory: float) -> Block:

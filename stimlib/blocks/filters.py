@@ -102,6 +102,7 @@ class Filter(Cascade):
     kind: str
     ripple: float
     attenuation: float
+    live = "svf(x, cutoff, q, mode) has a cutoff that moves"
 
     def check(self):
         if self.band not in BANDS or (self.high is None) != (BANDS[self.band] == 1):

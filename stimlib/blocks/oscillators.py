@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Param, as_block
+from ..core.graph import NONE, ONE, Block, Const, Param, as_block, in_unit
 from ..core.maths import as_float, fma, where
 from ..core.program import lead
-from ..core.units import unit
 from ..errors import BadValue, UnitError
 from .carrier import carrier, fold, increment, phase_word, two_words
 from .events import Event
@@ -47,8 +46,7 @@ def check_freq(name: str, f: Block) -> None:
     """Raise BadValue where a number is not above 0, UnitError where a frequency is not in Hz."""
     if isinstance(f, (Const, Param)) and not f.value >= 0:
         raise BadValue(f"{name} = {f.value:g} Hz must be 0 or above")
-    if f.dim != unit("Hz"):
-        raise UnitError(f"{name} {f!r} [{f.dim}] must be in Hz")
+    in_unit(name, f, f.dim, "Hz")
 
 
 def part(start, inc, d):

@@ -41,6 +41,7 @@ class Integrate(Block):
 
     x: Block
     leak: float
+    begins_early = False
 
     def check(self):
         if not self.leak >= 0:
@@ -78,7 +79,9 @@ class Integrate(Block):
 
 
 def integrate(x, leak: float = 0.0) -> Block:
-    """Integral over time, exact for a signal that is straight between its samples; starts at 0.
+    """Integral over time, exact for a signal that is straight between its samples; it begins at sample 0.
+
+    Before, x counts as 0, also where no input reaches it.
 
     The sum has a second word, so after hours it is as exact as at first.
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, Param, as_block, positive
+from ..core.graph import Block, Const, Param, as_block, in_unit, positive
 from ..core.maths import TINY, flush, fma, where
-from ..core.units import unit
 from ..design import responses
 from ..design.sections import sections
 from ..errors import BadValue, UnitError
@@ -34,6 +33,7 @@ class Resonator(Cascade):
     freq: float
     q: float
     mode: str
+    live = "svf(x, cutoff, q, mode) has a frequency and a quality that move"
 
     def check(self):
         positive(self, "freq", "q")
@@ -188,8 +188,7 @@ class Svf(Block):
                 raise BadValue(f"svf: {name} = {v.value!r} must be above 0")
 
     def units(self, *u):
-        if u[1] != unit("Hz"):
-            raise UnitError(f"svf: cutoff {self.cutoff!r} [{u[1]}] must be in Hz")
+        in_unit("svf: cutoff", self.cutoff, u[1], "Hz")
         if u[2] != un.ONE:
             raise UnitError(f"svf: q {self.q!r} [{u[2]}] must have no unit")
         return u[0]

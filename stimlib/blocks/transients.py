@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import NONE, ONE, Block, Const, positive
+from ..core.graph import NONE, ONE, Block, Const, in_unit, positive
 from ..core.maths import SILENT, TINY, exp, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import resampled
-from ..errors import BadValue, UnitError
+from ..errors import BadValue
 from .bump import regular, sinpi
-from .events import as_event
+from .events import as_event, happens
 from .filters import below_half
 from .impedance import with_unit
 
@@ -82,9 +82,8 @@ class Ring(Block):
                 raise BadValue(f"ring: {name} = {v.value:g} must be above 0")
 
     def units(self, *u):
-        for name, v, wanted in (("freq", u[1], "Hz"), ("decay", u[2], "s")):
-            if v != unit(wanted):
-                raise UnitError(f"ring: {name} {getattr(self, name)!r} [{v}] must be in {wanted}")
+        in_unit("ring: freq", self.freq, u[1], "Hz")
+        in_unit("ring: decay", self.decay, u[2], "s")
         return u[0]
 
     def design(self, fs):
@@ -112,10 +111,7 @@ class Ring(Block):
 
     @staticmethod
     def tile(p, s, event, freq, decay, y):
-        some = NONE
-        for i in range(y.size):
-            some = some + where(event[i] == 0.0, NONE, ONE)
-        if some == NONE and rests(s, 0.0) > 0.0:
+        if happens(event) == NONE and rests(s, 0.0) > 0.0:
             y[:] = 0.0
             return s
         t = turn(p, freq[0], decay[0])
@@ -217,10 +213,8 @@ class Grain(Block):
     @staticmethod
     def tile(p, s, event, y):
         size = U(s.ahead.size)
-        at, left, some = s.at % size, s.left, NONE  # a state may come from anywhere
-        for i in range(y.size):
-            some = some + where(event[i] == 0.0, NONE, ONE)
-        if left == NONE and some == NONE:
+        at, left = s.at % size, s.left  # a state may come from anywhere
+        if left == NONE and happens(event) == NONE:
             y[:] = 0.0
             return s
         for i in range(y.size):

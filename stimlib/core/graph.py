@@ -61,6 +61,7 @@ class Block(Refusals):
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
     begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
+    live: ClassVar[str] = "live values are multiplied, added, or connected to a block's input"  # instead of a design number
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
@@ -97,7 +98,7 @@ class Block(Refusals):
             value = (
                 (value if cls is Pick else as_block(value))
                 if f.name in signals(cls)
-                else design_value(f"{cls.__name__}.{f.name}", f.type, value)
+                else design_value(f"{cls.__name__}.{f.name}", f.type, value, cls.live)
             )
             object.__setattr__(self, f.name, value)
         self.check()
@@ -276,12 +277,12 @@ _KINDS = {
 }
 
 
-def design_value(where_: str, annotation: Any, v: Any) -> Any:
+def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -> Any:
     """A design number as its annotation asks for: finite floats, whole numbers, text, float64 arrays that nobody can change."""
     if isinstance(v, Block):
         raise BadValue(
             f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
-            "live values are multiplied, added, or connected to a block's input"
+            + (f"write the number {v.value:g}" if isinstance(v, Const) else live)
         )
     if isinstance(v, (list, tuple, np.ndarray)):
         try:
@@ -339,6 +340,13 @@ def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
         if isinstance(n, Const) and n.dim == un.ONE:
             hint = f"; write constant({n.value:g}, {str(m)!r}) if that is meant"
     raise UnitError(f"cannot {verb} [{u[0]}] {a!r} and [{u[1]}] {b!r}{hint}")
+
+
+def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
+    """UnitError, with the factor that is missing, unless a signal has a unit."""
+    if u != unit(wanted):
+        factor = wanted if u == un.ONE else f"{wanted}/({u})"
+        raise UnitError(f"{what} {b!r} [{u}] must be in {wanted}; multiply it by a constant(.., {factor!r})")
 
 
 # Leaves --------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A recording at another sample rate."""
+"""A recording at another sample rate, and between its samples."""
 
 from __future__ import annotations
 
@@ -45,3 +45,33 @@ def resampled(x: np.ndarray, ratio: float) -> np.ndarray:
         window = np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0))) / np.i0(BETA)
         y[start : start + t.size] = np.sum(padded[first[:, None] + k + reach] * (low * np.sinc(low * d) * window), axis=1)
     return y
+
+
+def oversampled(x: np.ndarray, times: int, band: float = 1.0) -> np.ndarray:
+    """x at so many times its sample rate, limited to band times half of what it had; the window is that of ``resampled``.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Outside, it counts as 0.
+    times : int
+    band : float
+        At most 1.
+
+    Returns
+    -------
+    ndarray, shape (n times,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.design.resample import oversampled
+    >>> wave = np.sin(2 * np.pi * 0.1 * np.arange(400))
+    >>> bool(np.abs(oversampled(wave, 8) - np.sin(2 * np.pi * 0.0125 * np.arange(3200)))[400:2800].max() < 1e-5)
+    True
+    """
+    from scipy.signal import upfirdn
+
+    reach = int(np.ceil(times * HALF / band))
+    taps = band * np.sinc(band * np.arange(-reach, reach + 1) / times) * np.kaiser(2 * reach + 1, BETA)
+    return upfirdn(taps, x, times)[reach : reach + x.size * times]

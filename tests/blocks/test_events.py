@@ -59,11 +59,62 @@ def test_a_split_event_lies_where_the_line_was_passed():
     np.testing.assert_allclose(y, [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3], atol=1e-15)
 
 
+def test_an_edge_is_no_first_sample_and_what_is_no_number_makes_none():
+    from stimlib.blocks.events import Edge
+
+    assert run(b.rising(X), [1.0, 0.0, 1.0]).tolist() == [0, 0, 1]
+    assert run(b.falling(X), [-1.0, 1.0, -1.0]).tolist() == [0, 0, 1]
+    p, s = b.rising(Input("v", "m/s"), 0.5).design(1000)
+    y = []
+    for x in (np.nan, 1.0, np.nan, 2.0, 0.5, 1.0):
+        v, s = Edge.step(p, s, x, 0.5)
+        y.append(v)
+    assert y == [0, 0, 0, 0, 0, 1]
+
+
+def test_a_split_event_knows_the_hysteresis_and_the_last_number():
+    assert run(b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]).tolist() == [0, 0, 0.5, 0.5, -0.5, -0.5]
+    from stimlib.blocks.events import Crossing
+
+    p, s = b.crossing(X, 1.0, split=True).design(1000)
+    for x in (0.5, np.nan, 1.5):
+        v, s = Crossing.step(p, s, x)
+    assert (v, s.carry) == (0.5, 0.5)
+    assert stimlib.compile(Scene({"y": b.crossing(X, 1.0, split=True)}), 1000).latency["y", "x"][0] == 1.0
+
+
+def test_events_in_and_after_stretches_in_which_nothing_happens():
+    """Tiles of 64 samples that are skipped, and what happens at their ends."""
+    x = np.repeat([0.0, 0.7, 0.2, 0.2, 0.7], 64)
+    assert np.flatnonzero(run(b.rising(X, 0.5), x)).tolist() == [64, 256]
+    assert np.flatnonzero(run(b.falling(X, 0.5), x)).tolist() == [128]
+    x = np.repeat([0.5, 1.5, 1.5, 0.5], 64)
+    assert np.flatnonzero(run(b.crossing(X, 1.0), x)).tolist() == [64, 192]
+    first = run(b.crossing(X, 1.0, 0.1), np.repeat([1.03125, 0.9], 64))
+    assert first[64] == -1, "the first sample is in its cell, whatever the hysteresis"
+    x = np.r_[np.linspace(0.5, 0.75, 128), np.full(63, 0.5), np.full(128, 1.25)]
+    y = run(b.crossing(X, 1.0, split=True), x)
+    np.testing.assert_allclose(y[[191, 192]], [1 / 3, 2 / 3], rtol=1e-15)
+    assert y.sum() == 1.0
+    moved = run(b.crossing(X, 1.0, split=True), np.r_[np.linspace(0.5, 0.75, 128), 1.25])
+    assert moved[128] == 0.5, "from the last sample of a stretch"
+    assert np.flatnonzero(run(b.once_within(E, 0.2), impulse(400, 0, 130, 200, 390))).tolist() == [0, 200]
+    gate = (np.arange(300) >= 150).astype(float)
+    y = run(b.envelope(X, attack=0.0, sustain=0.5, decay=0.001, release=0.001), gate)
+    assert not y[:150].any() and y[150] == 1.0 and y[299] == 0.5
+
+
+def test_events_of_both_signs_are_counted_and_hold():
+    assert run(b.count(E), [1, -1, 2]).tolist() == [1, 0, 2]
+    assert run(b.sample_and_hold(X, E), [5, 6, 7], [0, -1, 0]).tolist() == [0, 6, 6]
+
+
 # Times -----------------------------------------------------------------------------------------------------------------
 def test_events_at_times_are_at_the_nearest_sample():
     assert np.flatnonzero(run(b.at([0.0, 0.0104, 0.0106, 0.0107]), 20)).tolist() == [0, 10, 11]
     assert run(b.at([0.0106, 0.0107]), 20)[11] == 2.0
     assert np.flatnonzero(run(b.every(0.0104), 40)).tolist() == [0, 10, 21, 31]
+    assert run(b.count(b.every(0.01)), 2).tolist() == [1, 1], "none before sample 0"
 
 
 def test_a_period_does_not_drift():
@@ -87,6 +138,7 @@ def test_a_timeline_meets_its_points():
         y = run(b.timeline(points, kind), 400)
         np.testing.assert_allclose(y[t], wanted, rtol=1e-14)
         assert y[0] == 1.0 and y[100] == -1.0 and y[300] == 0.7, "exact at the points"
+    assert (run(b.timeline([(0.0, 0.1), (0.001, 0.3)]), 3000)[1:] == 0.3).all(), "held exactly"
     with pytest.raises(UnitError):
         b.timeline(points, unit="N") + 1.0
 
@@ -119,6 +171,12 @@ def test_grains_overlap_and_silence_is_zero(rate):
     y = run(b.grain(E, shape, rate=1000), heights)
     np.testing.assert_allclose(y, np.convolve(heights, shape)[:1500], rtol=0, atol=1e-13)
     assert y.any() == bool(rate)
+
+
+def test_a_grain_has_a_unit_an_end_and_a_law_at_its_own_rate():
+    grain = b.grain(E, np.ones(20), rate=1000, unit="N")
+    assert str(grain.dim) == "N" and grain.memory(grain.design(1000)[0]) == 20 and grain.memory(grain.design(500)[0]) == 10
+    assert len(grain.laws(1000)) == 1 and not grain.laws(500)
 
 
 @pytest.mark.parametrize("ratio", [0.25, 44.1 / 48, 6.0])
@@ -161,6 +219,7 @@ def test_an_envelope_reaches_1_in_time_and_starts_again_from_where_it_is():
     assert np.argmax(y == 1.0) == 9 and (np.diff(y[:10]) > 0).all()
     np.testing.assert_allclose(y[9:50], 0.4 + 0.6 * np.exp(-np.arange(41) / 5), rtol=1e-12)
     np.testing.assert_allclose(y[50:60], y[49] * np.exp(-np.arange(1, 11) / 20), rtol=1e-12)
+    assert np.argmax(run(b.envelope(X, attack=0.2), np.ones(300)) == 1.0) == 199
     assert y[60] > y[59] and y[60:110].max() == 1.0 and y[-1] < 1e-6
 
 
@@ -172,7 +231,9 @@ def test_what_comes_soon_after_an_event_is_lost():
 
 # Words that do not fit -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("made", [lambda v: b.ring(v, 100, 0.1), lambda v: b.grain(v, [1.0], 8000), b.count])
-@pytest.mark.parametrize("lasts", [X > 0.5, b.hysteresis(X, 1, 0), 1.0, Param("p", 1.0), b.count(E)], ids=str)
+@pytest.mark.parametrize(
+    "lasts", [X > 0.5, b.hysteresis(X, 1, 0), 1.0, Param("p", 1.0), b.count(E), b.sample_and_hold(X, E)], ids=str
+)
 def test_what_lasts_is_no_event(made, lasts):
     with pytest.raises(BadValue, match=r"(ring|grain|count): .* is no event, it lasts; use rising"):
         made(lasts)
@@ -184,7 +245,7 @@ def test_what_lasts_is_no_event(made, lasts):
      (lambda e: b.crossing(e, 1.0), "give a position")],
 )  # fmt: skip
 def test_an_event_does_not_last(made, remedy):
-    for event in (b.rising(X), -2.0 * b.every(0.1) * X, abs(b.once_within(E, 0.1)) / 3.0):
+    for event in (b.rising(X), -b.falling(X), -2.0 * b.every(0.1) * X, abs(b.once_within(E, 0.1)) / 3.0):
         assert is_event(event)
         with pytest.raises(BadValue, match=f"is an event, of one sample; .*{remedy}"):
             made(event)
@@ -210,6 +271,7 @@ def test_a_deep_product_is_looked_through_once():
         (lambda: b.timeline([(1, 0), (0, 1)]), BadValue, "0 s comes after 1 s"),
         (lambda: b.timeline([1, 2]), BadValue, "points must be pairs"),
         (lambda: b.timeline([(0, 1)], "cubic"), BadValue, "kind = 'cubic'; choose one of step"),
+        (lambda: b.crossing(X, stimlib.constant(0.01)), BadValue, r"Const\(0.01\); write the number 0.01"),
         (lambda: b.ring(E, -1, 1), BadValue, "freq = -1 must be above 0"),
         (lambda: b.ring(E, 100, Input("d")), UnitError, "decay .* must be in s"),
         (lambda: b.ring(E, 100, 1, "square"), BadValue, "onset = 'square'; choose sine or cosine"),
@@ -224,9 +286,22 @@ def test_what_makes_no_sense_is_told_at_once(make, error, text):
         make()
 
 
+def test_tables_are_limited(monkeypatch):
+    monkeypatch.setattr(stimlib.limits, "table_knots", 3)
+    for make, text in ((lambda: b.at(np.arange(4)), "at: times"), (lambda: b.timeline([(k, k) for k in range(4)]), "points")):
+        with pytest.raises(BadValue, match=f"{text}.* limits.table_knots"):
+            make()
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 100)
+    x, t = np.ones(20), Input("t", "s")
+    blocks = {"grain": b.grain(E, x, 1000), "playback": b.playback(x, 1000), "moving_average": b.moving_average(X, 0.02)}
+    for name, block in {**blocks, "playback: bytes of its table": b.playback(x, 1000, at=t)}.items():
+        with pytest.raises(BadValue, match=f"{name}.* limits.state_bytes"):
+            block.design(1000)
+
+
 @pytest.mark.parametrize(
     ("block", "text"),
-    [(b.ring(E, 600, 1), "ring: freq = 600 Hz does not fit"), (b.every(1e-4), "less than a sample"),
+    [(b.ring(E, 600, 1), "ring: freq = 600 Hz does not fit"), (b.every(9e-4), "less than a sample"),
      (b.burst(E, 1e-4), "less than half a sample")],
 )  # fmt: skip
 def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(block, text):

@@ -44,6 +44,7 @@ def test_a_sample_is_the_mean_over_the_period_around_it(waveform, freq):
 def test_what_does_not_move_stays():
     assert run(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
     assert run(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
+    assert run(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
     np.testing.assert_allclose(run(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15)
 
 
@@ -85,6 +86,22 @@ def test_the_phase_of_an_hour_of_sweep(kind, tol):
     assert Chirp.step(p, (), 3600.0)[0] == 0.0
 
 
+@pytest.mark.parametrize("source", [b.chirp(400, 400, 9.0), b.playback([1.0], 1000, loop=True), b.every(0.001)])
+def test_nothing_sounds_before_sample_0(source):
+    """A filter of a source runs before sample 0."""
+    assert run(b.moving_average(source, 0.01), 1)[0] == run(source, 1)[0] / 10
+
+
+def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
+    from stimlib.blocks.oscillators import Oscillator
+
+    y = run(b.oscillator(100, "pulse", X), np.repeat([1.0, 7.0, -1.0], 3))
+    np.testing.assert_allclose(y, np.repeat([1.0, 1.0, 0.0], 3), atol=1e-13)
+    p, s = b.oscillator(100, "pulse", X).design(1000)
+    with np.errstate(all="ignore"):
+        assert np.isnan(Oscillator.step(p, s, 0.0, np.nan)[0])
+
+
 def test_a_sweep_may_stand():
     np.testing.assert_allclose(run(b.chirp(50, 50, 1.0, "exponential"), 40), np.sin(np.pi * np.arange(40) / 10), atol=1e-14)
 
@@ -98,13 +115,37 @@ def test_jittered_pulses_keep_their_order_and_none_is_lost():
     at = np.repeat(np.arange(10_000), y.astype(int))
     wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))  # read at the sample that ends the period before
     assert np.abs(at[1:] - wanted).max() <= 1
-    assert np.diff(np.flatnonzero(run(b.pulse_train(30.0), 1000))).tolist().count(33) > 15
+    regular = np.flatnonzero(run(b.pulse_train(30.0), 1000))
+    assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
 
 
 def test_a_recording_is_played_once_or_again_and_again():
     x = np.array([1.0, -2.0, 3.0])
     assert run(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
     np.testing.assert_array_equal(run(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 1000 / 300), 25))
+
+
+@pytest.mark.parametrize(("rate", "loop"), [(1000, False), (300, True), (4000, True)])
+def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
+    """Forwards at up to its own speed, backwards, around; a wave at 0.44 of the lower rate."""
+    f = 0.44 * min(rate, 1000)
+    x = np.cos(2 * np.pi * f * np.arange(rate) / rate + 1)
+    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000 + (-2.9 if loop else 0.1)
+    block = b.playback(x, rate, loop, at=Input("t", "s"))
+    y = run(block, t)
+    assert (t[-1] < 0.9 or loop) and np.abs(y - np.cos(2 * np.pi * f * t + 1)).max() < 1e-5
+    ends = run(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
+    np.testing.assert_allclose(ends, np.cos(1) if loop else [0, ends[1], ends[2], 0], atol=1e-4)
+
+
+def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
+    x = np.cos(2 * np.pi * 580 * np.arange(4000) / 4000)
+    assert np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max() < 1e-5
+
+
+@pytest.mark.parametrize("at", [None, Input("t", "s")])
+def test_a_recording_has_a_unit(at):
+    assert str(b.playback([1.0], 1000, unit="N", at=at).dim) == "N"
 
 
 def test_noise_of_a_band_has_its_level_at_every_rate():
@@ -118,8 +159,14 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
     [
         (lambda: b.oscillator(100, "saw"), BadValue, "waveform = 'saw'; choose one of sine, triangle, sawtooth"),
         (lambda: b.oscillator(-1.0, "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
+        (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
         (lambda: b.oscillator(100, "square", duty=1.0), BadValue, "duty = 1 must be above 0 and below 1"),
-        (lambda: b.oscillator(X, "square"), UnitError, r"freq Input\('x'\) \[1\] must be in Hz"),
+        (
+            lambda: b.oscillator(X, "square"),
+            UnitError,
+            r"freq Input\('x'\) \[1\] must be in Hz; multiply it by .*'Hz'",
+        ),
+        (lambda: b.chirp(Param("f", 10.0, "Hz"), 20, 1), BadValue, r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq"),
         (lambda: b.oscillator(100, "square", Input("d", "m")), UnitError, "duty .* must have no unit"),
         (lambda: b.pulse_train(10, Input("j", "s")), UnitError, "jitter .* part of a period"),
         (lambda: b.chirp(10, 20, 1, "cubic"), BadValue, "kind = 'cubic'; choose one of linear, exponential"),
@@ -127,6 +174,12 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
         (lambda: b.at("noon"), BadValue, "At.times must be numbers"),
         (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
         (lambda: b.playback([1.0], 0), BadValue, "Playback.rate = 0.0 must be above 0"),
+        (
+            lambda: b.playback([1.0], 8000, at=Input("x", "m")),
+            UnitError,
+            r"at Input\('x', 'm'\) \[m\] must be in s; multiply it by a constant\(.., 's/\(m\)'\)",
+        ),
+        (lambda: b.playback([1.0], 8000, at=b.every(1.0)), BadValue, r"is an event, of one sample; give a time"),
         (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
         (lambda: b.band_noise(100, 300, 0, seed=1), BadValue, "psd = 0.0 must be above 0"),
     ],
