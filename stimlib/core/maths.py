@@ -22,11 +22,12 @@ SILENT = 1e-190
 
 F = np.float64
 
-if hasattr(math, "fma"):  # Python >= 3.13
+_exact = getattr(math, "fma", None)  # Python >= 3.13
+if _exact is not None:
 
     def _fma(a, b, c):
         try:
-            return math.fma(a, b, c)
+            return _exact(a, b, c)
         except (OverflowError, ValueError):  # where the C library returns inf or nan
             return a * b + c
 
