@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import sys
 
 import numpy as np
 
@@ -22,12 +23,11 @@ SILENT = 1e-190
 
 F = np.float64
 
-_exact = getattr(math, "fma", None)  # Python >= 3.13
-if _exact is not None:
+if sys.version_info >= (3, 13):
 
     def _fma(a, b, c):
         try:
-            return _exact(a, b, c)
+            return math.fma(a, b, c)
         except (OverflowError, ValueError):  # where the C library returns inf or nan
             return a * b + c
 
