@@ -576,6 +576,14 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Surfaces ------------------------------------------------------------------------------------------------------------
+TABLE += [
+    Entry("spatial_noise", "SpatialNoise", lambda u: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0), (phase,)),
+    Entry("spatial_noise_contact", "SpatialNoise",
+        lambda u, c: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0, contact=c), (phase, touch)),
+]  # fmt: skip
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

@@ -20,6 +20,7 @@ from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tan
 from .modes import pink_noise, pinking
 from .noise import white_noise
 from .oscillators import oscillator, pulse_train
+from .places import spatial_noise
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
@@ -34,10 +35,10 @@ __all__ = [
     "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
     "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
     "crossing", "delay", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force", "equalize",
-    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
-    "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "maximum", "maxwell", "minimum",
-    "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
-    "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
-    "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit",
-    "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
+    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass",
+    "hysteresis", "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "maximum", "maxwell", "minimum",
+    "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking", "playback",
+    "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
+    "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
+    "static_limit", "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip
