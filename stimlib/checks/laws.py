@@ -230,3 +230,81 @@ def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:
     size = np.where(step > 0, np.sin(pi * step), 1)
     part = np.sin(pi * (low + high)) * np.sin(pi * np.maximum(high - low, 0)) / size
     return np.where(inside, np.sin(2 * pi * t), part).astype(float)
+
+
+# Surfaces ------------------------------------------------------------------------------------------------------------------
+def movements(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where each sample's movement began (at the first of a contact: where it is), where it is, and whether in contact."""
+    touching = contact > 0
+    before = np.r_[x[:1], x[:-1]]
+    first = touching & ~np.r_[False, touching[:-1]]
+    before[first] = x[first]
+    return before, x, touching
+
+
+def gratings(x: np.ndarray, contact: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Means of sum depth sin(2 pi x/wavelength + phase) over each movement, in extended precision; 0 off contact."""
+    before, x, touching = (v.astype(np.longdouble) if v.dtype == float else v for v in movements(x, contact))
+    total = np.zeros(x.size, np.longdouble)
+    for wavelength, depth, phase in parts.astype(np.longdouble):
+        k = 2 * np.longdouble("3.14159265358979323846264338327950288") / wavelength
+        half = k * (x - before) / 2
+        total += (
+            depth * np.sin(k * (x + before) / 2 + phase) * np.where(half == 0, 1, np.sin(half) / np.where(half == 0, 1, half))
+        )
+    return np.where(touching, total, 0).astype(float)
+
+
+def roughness_octaves(slope: float, shortest: float, longest: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Cells, variances and largest error in dB of the octaves of ``spatial_noise``: sum 2 a^2 D sinc^6(f D) is C f^-slope."""
+    from ..design.octaves import octaves
+
+    found = octaves(slope, 1 / longest, 1 / shortest)
+    f = np.geomspace(1 / longest, 1 / shortest, 999)
+    power = np.trapezoid(f ** (1 - slope), np.log(f))
+    made = sum(2 * a * d * np.sinc(f * d) ** 6 for a, d in zip(found.power, found.cells, strict=True)) * power * f**slope
+    return found.cells, found.power, float(np.abs(10 * np.log10(made)).max())
+
+
+def surface(x: np.ndarray, contact: np.ndarray, slope: float, seed: int, shortest: float, longest: float) -> np.ndarray:
+    """Means of ``spatial_noise`` over each movement, by Gauss's rule of two points in each cell; 0 off contact."""
+    before, x, touching = movements(x, contact)
+    cells, power, _ = roughness_octaves(slope, shortest, longest)
+    total, lost = np.zeros(x.size), 0.0
+    for j, (cell, own) in enumerate(zip(cells, power, strict=True)):
+        start = _word(seed, 2 * j + 1) * 2.0**-64
+        a, b = (np.sort([before, x], axis=0) / cell) + start
+        gain = np.sqrt(_faded(b - a) * (own + (1 - _faded(2 * (b - a))) * lost / cell))
+        lost += own * cell
+        on = touching & (gain > 0)
+        a, b, mean = a[on], b[on], np.zeros(on.sum())
+        for k in range(5):  # cells of a movement of less than four
+            low, high = (np.clip(v, np.floor(a) + k, np.floor(a) + k + 1) for v in (a, b))
+            part = np.where(b > a, (high - low) / np.where(b > a, b - a, 1), k == 0)
+            for point in (-1, 1):
+                t = (low + high) / 2 + point * (high - low) / math.sqrt(12) - np.floor(a) - k
+                n = [_lattice(_word(seed, 2 * j), np.floor(a).astype(np.int64) + k + i) for i in range(3)]
+                mean += part / 2 * (n[0] * (1 - t) ** 2 / 2 + n[1] * (0.5 + t - t**2) + n[2] * t**2 / 2)
+        total[on] += gain[on] * mean
+    return total
+
+
+def _faded(r: np.ndarray) -> np.ndarray:
+    """What is left of an octave of which a movement passes r cells: from all at 2 to nothing at 4, a cubic."""
+    t = np.clip((r - 2) / 2, 0, 1)
+    return 1 - 3 * t**2 + 2 * t**3
+
+
+def _word(seed: int, stream: int) -> int:
+    """The 64-bit word of a stream of a surface: ``noise_key`` once more."""
+    w = philox((seed & LOW, seed >> 32, stream, 3), (0, 0))
+    return w[0] | w[1] << 32
+
+
+def _lattice(key: int, m: np.ndarray) -> np.ndarray:
+    """Lattice values: each half of a Philox block is a sum of four uniform numbers of 16 bits."""
+    pair = (m >> 1).astype(np.uint64)
+    w = np.array(philox((pair & LOW, pair >> 32, 0, 0), (key & LOW, key >> 32)))
+    low, high = np.where(m % 2, w[2:], w[:2])
+    total = (low & 0xFFFF) + (low >> 16) + (high & 0xFFFF) + (high >> 16)
+    return (total.astype(float) - 2 * 65535) / math.sqrt((65536.0**2 - 1) / 3)

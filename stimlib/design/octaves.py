@@ -7,7 +7,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+
+from .minimax import FloatArray
 
 FINEST = 0.2
 """Cell of the finest octave, in shortest wavelengths."""
@@ -31,8 +32,8 @@ class Octaves(NamedTuple):
         Largest deviation from the law between its ends, dB.
     """
 
-    cells: npt.NDArray[np.float64]
-    power: npt.NDArray[np.float64]
+    cells: FloatArray
+    power: FloatArray
     error_db: float
 
 
@@ -81,7 +82,7 @@ def octaves(slope: float, low: float, high: float) -> Octaves:
     from scipy.optimize import nnls
 
     n = math.ceil(math.log2(COARSEST / low * high / FINEST)) + 1
-    cells = FINEST / high * 2.0 ** np.arange(n)
+    cells = np.ldexp(FINEST / high, np.arange(n))
     f = np.geomspace(low, high, POINTS)
     spectra = 2 * np.sinc(f[:, None] * cells) ** 6 * f[:, None] ** slope  # of a^2 D = 1, relative to the law of C = 1
     found = np.array([float(f"{v:.9g}") for v in nnls(spectra, np.ones(POINTS))[0]])  # no last bits of a solver
