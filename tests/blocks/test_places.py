@@ -7,7 +7,7 @@ import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import grating, spatial_noise
 from stimlib.blocks.places import lattice
-from stimlib.checks import laws
+from stimlib.checks import surfaces
 from stimlib.design.octaves import octaves
 from stimlib.errors import BadValue
 
@@ -66,8 +66,9 @@ def test_it_is_the_mean_of_its_splines(way):
     """Gauss's rule in each cell, from the published generator; up to a few cells of each octave in a sample."""
     x = np.linspace(-0.02, 0.02, 200)
     x = np.stack([x, x + way * np.cos(np.arange(200))], axis=1).ravel()
-    want = laws.surface(x, np.ones(x.size), 2.0, 6, 1e-4, 0.03)
-    np.testing.assert_allclose(noise(x, 2.0, 6, shortest=1e-4, longest=0.03), want, rtol=0, atol=3e-11)
+    block = spatial_noise(Input("x", "m"), 2.0, 6, shortest=1e-4, longest=0.03)
+    want = surfaces.roughness(np.r_[x[0], x[:-1]], x, block)
+    np.testing.assert_allclose(through(block, x), want, rtol=0, atol=3e-11)
 
 
 def test_its_lattice_has_no_period_and_is_normal():
@@ -104,7 +105,7 @@ RIBS = [(2e-3, 0.2, 0.4), (0.3e-3, -0.05, 2.0), (0.11e-3, 0.01, 0.0)]
 @pytest.mark.parametrize("speed", [0.0, 1e-4, 0.03, 0.8, 5.0])
 def test_a_grating_is_the_mean_of_its_sinusoids(speed):
     x = 0.3 + speed * np.sin(np.arange(300)) / FS
-    want = laws.gratings(x, np.ones(300), np.array(RIBS))
+    want = surfaces.gratings(np.r_[x[0], x[:-1]], x, np.array(RIBS))
     np.testing.assert_allclose(through(grating(Input("x", "m"), RIBS), x), want, rtol=0, atol=1e-12)
 
 
