@@ -321,8 +321,9 @@ def grating(u, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
     """Ribs of a surface: sinusoids over place, sum of depth sin(2 pi u/wavelength + phase).
 
     Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the movement, times
-    sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So a rib that is passed too fast to be felt is not there, instead of
-    appearing as a slower one; and over a closed way a force along u does no work.  The mean lies half a sample back.
+    sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So ribs that pass faster than half the sample rate come back as slower
+    ones, but weaker, and not at all where one passes in a sample; and over a closed way a force along u does no work.  The
+    mean lies half a sample back.
 
     Parameters
     ----------
