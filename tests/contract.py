@@ -576,6 +576,28 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Surfaces ------------------------------------------------------------------------------------------------------------
+RIBS = [(1.0, 0.7, 0.3), (0.37, -0.4, 2.0)]
+HILLS = np.array(
+    [[0.0, 1.0, -0.5, 2.0], [1.0, 1.5, 0.3, -1.0], [0.2, 0.4, 3.0, 1.0], [-2.0, 0.5, 0.5, 0.6], [1.0, 2.0, 1.0, 0.0]]
+)
+
+
+def heights(grid):
+    return grid.value + 0.3 * grid.slope_x - 0.7 * grid.slope_y
+
+
+TABLE += [
+    Entry("spatial_noise", "SpatialNoise", lambda u: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0), (phase,)),
+    Entry("spatial_noise_contact", "SpatialNoise",
+        lambda u, c: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0, contact=c), (phase, touch)),
+    Entry("grating", "Grating", lambda u: b.grating(u, RIBS), (phase,)),
+    Entry("lut2", "LinearGrid", lambda x, y: heights(b.lut2(x, y, HILLS, 0.6, (-1.0, -1.2), unit="N")), (normal, held)),
+    Entry("lut2_cubic", "CubicGrid", lambda x, y: heights(b.lut2(x, y, HILLS, (0.6, 0.5), -1.2, "cubic", "N")), (normal, held)),
+    Entry("grating_contact", "Grating", lambda u, c: b.grating(u, RIBS, "N", contact=c), (phase, touch)),
+]  # fmt: skip
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

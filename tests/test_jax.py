@@ -169,6 +169,7 @@ CASES = {
     "bumps": Case(scenes.bumps(), 8000.0),
     "bumps_sine": Case(scenes.bumps("sine", bumps=18, duty=0.8), 8000.0),
     "bumps_sawtooth_contact": Case(scenes.bumps("sawtooth", contact=True), 8000.0),
+    "grating_contact": Case(scenes.grating(contact=True, shortest=1e-3), 8000.0),
     "springpot": Case(live_springpot(), 1000.0),
     "springpot_contact": Case(live_springpot(Input("contact")), 1000.0),
 }

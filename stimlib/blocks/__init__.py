@@ -15,11 +15,13 @@ from .events import count, crossing, falling, once_within, rising, sample_and_ho
 from .filters import bandpass, bandstop, highpass, lowpass, sos
 from .fir import differentiator, fir
 from .gate import hysteresis, loading
+from .grid import lut2
 from .impedance import first_order, kelvin_voigt, spring, velocity
 from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
 from .oscillators import oscillator, pulse_train
+from .places import grating, spatial_noise
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
@@ -34,10 +36,10 @@ __all__ = [
     "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
     "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
     "crossing", "delay", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force", "equalize",
-    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "highpass", "hysteresis",
-    "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "maximum", "maxwell", "minimum",
-    "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
+    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "grating", "highpass",
+    "hysteresis", "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum", "maxwell",
+    "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
     "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
-    "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit",
-    "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
+    "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
+    "static_limit", "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
 ]  # fmt: skip

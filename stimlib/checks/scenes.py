@@ -13,7 +13,7 @@ from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import compile
 from ..run.walk import samples
-from . import laws
+from . import laws, surfaces
 from .evidence import Check, Evidence, Tap, live
 
 
@@ -280,7 +280,12 @@ def _bumps(e: Evidence) -> list[Check]:
     return checks
 
 
-SCENES: dict[str, Callable[[Evidence], list[Check]]] = {"squeeze": _squeeze, "viscoelastic": _viscoelastic, "bumps": _bumps}
+SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
+    "squeeze": _squeeze,
+    "viscoelastic": _viscoelastic,
+    "bumps": _bumps,
+    "grating": surfaces.grating,
+}
 
 
 def motor_limits(e: Evidence) -> list[Check]:

@@ -47,6 +47,8 @@ class Limits:
     """Columns of a recording, or arrays of an npz file."""
     table_knots: float = 10_000
     """Points of a measured profile, each of which costs time where a scene is built."""
+    map_points: float = 1_000_000
+    """Points of a map over two places."""
     sidecar_bytes: float = 256_000_000
     """Size of a sidecar, of a table in a file, and of the header of a log."""
     audio_bytes: float = 16_000_000_000

@@ -9,10 +9,11 @@ import pytest
 import stimlib
 from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
+from stimlib.blocks.places import Grating, SpatialNoise
 from stimlib.checks import laws
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
-from stimlib.scenes import bumps, viscoelastic
+from stimlib.scenes import bumps, grating, viscoelastic
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "touch-evemu"
 
@@ -188,7 +189,23 @@ def test_numbers_that_happen_to_be_equal_confuse_nothing(words):
     assert r.passed, str(r)
 
 
-@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps"])
+@pytest.mark.parametrize("motion", [constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5), sinusoid(0.05, 3.0)])
+def test_a_grating_is_proved(motion):
+    r = report(grating(), {"x": motion}, 1.0, params={"roughness": 0.1})
+    assert r.passed, str(r)
+    names = {"force: octaves of the roughness", "force: gratings and roughness of the place", "force: none off contact"}
+    assert names <= {c.name for c in r.checks} and "grating: 2 mm" in "".join(r.evidence.numbers)
+
+
+@pytest.mark.parametrize(("owner", "field"), [(Grating, "per"), (Grating, "start"), (SpatialNoise, "at"), (SpatialNoise, "own")])
+def test_a_surface_that_is_slightly_another_is_caught(monkeypatch, owner, field):
+    f = owner.design
+    monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * (1 + 1e-6) + 1e-9})))
+    bad = [c.name for c in report(grating(), {"x": sinusoid(0.05, 1.0)}, 0.5).checks if not c.passed]
+    assert bad == ["force: gratings and roughness of the place"]
+
+
+@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating"])
 def test_a_law_on_a_scene_of_another_shape_fails_and_says_so(law):
     scene = stimlib.Scene({"voltage": 2 * stimlib.Input("x")}, law=law)
     r = report(scene, {"x": sinusoid(1.0, 1.0)}, seconds=0.1)

@@ -26,12 +26,13 @@ from ...blocks.filters import Cascade
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
+from ...blocks.places import SpatialNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
 from ...blocks.transients import Grain, Ring
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
-from . import signalforms, traced
+from . import placeforms, signalforms, traced
 from .recurrence import SHORT
 
 TILE = 64  # samples per row of a matrix product
@@ -484,6 +485,7 @@ def carrier(b, p, s, x, run):
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
     Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
+    SpatialNoise: placeforms.spatial_noise,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,

@@ -1,0 +1,17 @@
+"""
+Gratings and roughness
+======================
+
+A grooved, rough surface: on the way back the finger feels what it felt on the way there. See
+:doc:`/reference/scenes/grating`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import grating
+
+stroke = minimum_jerk(depth=0.06, rise=0.7, hold=0.2, fall=0.4)
+result = stimlib.render(grating(), {"x": stroke}, fs=8000, seconds=1.5)
+listen(result, "force", "grating.wav")
+figure = result.plot()

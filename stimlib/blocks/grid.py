@@ -1,0 +1,227 @@
+"""Functions of two places given by a regular grid of points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.bounds import limits
+from ..core.graph import Block, Const, as_block
+from ..core.maths import floor, where
+from ..core.units import unit
+from ..errors import BadValue, UnitError
+
+U = np.uint64
+KINDS = ("linear", "cubic")
+
+
+class GridParams(NamedTuple):
+    c: np.ndarray  # coefficients, row by row
+    width: float  # of a row
+    x0: float
+    y0: float
+    px: float  # points in a unit of length
+    py: float
+    nx: float  # pieces
+    ny: float
+
+
+def piece(v, origin, per, n):
+    """(number of the piece, part of it, derivative of both): a place beyond the grid is held at its edge."""
+    t = (v - origin) * per
+    held = where(t > 0.0, where(t < n, t, n), 0.0)
+    i = floor(held)
+    i = where(i < n, i, n - 1.0)
+    return i, held - i, where(held == t, per, 0.0)
+
+
+def spoiled(x, y):
+    """0, or nan where one of them is nan."""
+    return where(x == x, where(y == y, 0.0, y), x)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid(Block, abstract=True):
+    """A function of two places and its gradient, from points (origin + i spacing, origin + j spacing)."""
+
+    x: Block
+    y: Block
+    table: np.ndarray  # [i, j]: x first
+    spacing: np.ndarray
+    origin: np.ndarray
+    value_unit: str
+    outputs = ("value", "slope_x", "slope_y")
+
+    def check(self):
+        if np.ndim(self.table) != 2 or min(self.table.shape) < 2:
+            raise BadValue(
+                f"lut2: table must have rows for x and columns for y, at least 2 of each; got shape {self.table.shape}"
+            )
+        limits.check("map_points", self.table.size, "lut2: points")
+        for name, v in (("spacing", self.spacing), ("origin", self.origin)):
+            if v.shape != (2,):
+                raise BadValue(f"lut2: {name} must be a number, or two, of x and of y; got shape {v.shape}")
+        if not (self.spacing > 0).all():
+            raise BadValue(f"lut2: spacing = {self.spacing.min():g} must be above 0")
+
+    def units(self, *u):
+        v = unit(self.value_unit)
+        return v, v / u[0], v / u[1]
+
+    def params(self, c: np.ndarray) -> GridParams:
+        """Numbers for a step, from the coefficients."""
+        with np.errstate(all="ignore"):
+            per = 1 / self.spacing
+            steepest = 4 * np.abs(c).max() * max(1.0, *per)
+        pieces = np.array(self.table.shape, float) - 1
+        if not np.isfinite(steepest):
+            raise BadValue("lut2: values too large, or spacing too small, for numbers; check the units")
+        return GridParams(c.ravel().copy(), float(c.shape[1]), *map(float, (*self.origin, *per, *pieces)))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearGrid(Grid):
+    """Bilinear: straight lines along x and along y."""
+
+    def design(self, fs):
+        return self.params(self.table), ()
+
+    @staticmethod
+    def step(p, s, x, y):
+        i, a, dx = piece(x, p.x0, p.px, p.nx)
+        j, b, dy = piece(y, p.y0, p.py, p.ny)
+        k = i * p.width + j
+        c00, c01 = p.c[U(k)], p.c[U(k + 1.0)]
+        rise, over = p.c[U(k + p.width)] - c00, p.c[U(k + p.width + 1.0)] - c01
+        low, high, bad = c00 + a * rise, c01 + a * over, spoiled(x, y)
+        return (low + b * (high - low) + bad, (rise + b * (over - rise)) * dx + bad, (high - low) * dy + bad), s
+
+
+def spline(a, b, c, d, t):
+    """A uniform cubic B-spline with these coefficients at t of 0 .. 1."""
+    q = 1.0 - t
+    return (a * (q * q * q) + b * (4.0 - 3.0 * t * t * (1.0 + q)) + c * (4.0 - 3.0 * q * q * (1.0 + t)) + d * (t * t * t)) * (
+        1 / 6
+    )
+
+
+def spline_slope(a, b, c, d, t):
+    """Its derivative."""
+    q = 1.0 - t
+    return 0.5 * ((b - a) * q * q + (c - b) * (1.0 + 2.0 * t * q) + (d - c) * t * t)
+
+
+def along(p, k, t):
+    """The spline along y in the row of coefficients that begins at k."""
+    return spline(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
+
+
+def slope_along(p, k, t):
+    """Its derivative."""
+    return spline_slope(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
+
+
+def spline_coefficients(v: np.ndarray) -> np.ndarray:
+    """Along the first axis, of the cubic spline through values 1 apart (not-a-knot): c = v - v''/6, and one more at each end."""
+    from scipy.interpolate import CubicSpline
+
+    n = np.arange(len(v))
+    bend = CubicSpline(n, v)(n, 2)
+    c = v - bend / 6
+    return np.concatenate([[2 * c[0] - c[1] + bend[0]], c, [2 * c[-1] - c[-2] + bend[-1]]])
+
+
+@dataclass(frozen=True, eq=False)
+class CubicGrid(Grid):
+    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points, with continuous curvature."""
+
+    def design(self, fs):
+        try:
+            with np.errstate(all="ignore"):
+                c = spline_coefficients(spline_coefficients(self.table).T).T
+        except ValueError:  # a system that overflows
+            c = np.full((1, 1), np.inf)
+        return self.params(c), ()
+
+    @staticmethod
+    def step(p, s, x, y):
+        i, a, dx = piece(x, p.x0, p.px, p.nx)
+        j, b, dy = piece(y, p.y0, p.py, p.ny)
+        k, m, bad = i * p.width + j, p.width, spoiled(x, y)
+        c0, c1, c2, c3 = along(p, k, b), along(p, k + m, b), along(p, k + 2.0 * m, b), along(p, k + 3.0 * m, b)
+        d0, d1 = slope_along(p, k, b), slope_along(p, k + m, b)
+        d2, d3 = slope_along(p, k + 2.0 * m, b), slope_along(p, k + 3.0 * m, b)
+        value, tilt = spline(c0, c1, c2, c3, a), spline(d0, d1, d2, d3, a)
+        return (value + bad, spline_slope(c0, c1, c2, c3, a) * dx + bad, tilt * dy + bad), s
+
+
+def plain(name: str, v, *axes: Block) -> np.ndarray:
+    """Numbers of x and of y, from one or two numbers or constants, these in the unit of their axis."""
+    given = v if isinstance(v, (list, tuple, np.ndarray)) else (v, v)
+    if len(given) != len(axes):
+        raise BadValue(f"lut2: {name} must be a number, or two, of x and of y; got {v!r:.200}")
+    for one, axis in zip(given, axes, strict=True):
+        if isinstance(one, Const) and one.unit and one.dim != axis.dim:
+            raise UnitError(f"lut2: {name} = {one!r} [{one.dim}] must be in the unit of {axis!r} [{axis.dim}]")
+    return np.array([one.value if isinstance(one, Const) else one for one in given])
+
+
+def lut2(x, y, table, spacing, origin=0.0, kind: str = "linear", unit: str = "") -> Grid:
+    """A function of two places given by a regular grid of points, and its gradient.
+
+    Parameters
+    ----------
+    x, y : Block
+        Places, usually in m.
+    table : array_like, shape (n, m)
+        Values in ``unit``: ``table[i, j]`` at x = origin + i spacing, y = origin + j spacing; at least 2 each way.
+    spacing, origin : number or (number, number)
+        Of the points; one for both ways, or that of x and that of y, in their units: plain, or ``constant(1e-3, "m")``.
+    kind : {"linear", "cubic"}
+        Straight lines along x and y (the slope jumps from piece to piece); a bicubic spline through all points, whose slope
+        and curvature have no jumps, and which may overshoot beside an edge.
+    unit : str
+        Of the values.
+
+    Returns
+    -------
+    Block
+        With the outputs ``value``, in ``unit``, and ``slope_x`` and ``slope_y``, the derivatives along x and y, in ``unit``
+        per unit of x and y.  What nobody listens to is not computed.  Beyond its edges the map is held: the value is that
+        of the nearest place on the edge, the slope across it 0.
+
+    Raises
+    ------
+    BadValue
+        A table that is not two-dimensional, less than 2 points each way, more points than ``stimlib.limits.map_points``,
+        values that are not finite, a spacing not above 0, an unknown kind.
+    UnitError
+        A spacing or origin in another unit than its place.
+
+    References
+    ----------
+    de Boor, "Bicubic spline interpolation", J. Mathematics and Physics 41, 1962; Unser 1999 (uniform B-splines).
+
+    Examples
+    --------
+    The stiffness of a soft object with a hard lump at 10 mm, 10 mm, and how it rises along x:
+
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import constant, lut2
+    >>> far = np.hypot(*np.meshgrid(np.arange(21) - 10, np.arange(21) - 10))  # mm
+    >>> x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
+    >>> S = lut2(x, y, 300 + 500 * np.exp(-(far**2) / 18), constant(1e-3, "m"), kind="cubic", unit="N/m")
+    >>> scene = stimlib.Scene({"S": S.value, "rise": S.slope_x})
+    >>> scene
+    Scene(x [m], y [m] -> S [N/m], rise [Pa])
+    >>> stimlib.compile(scene, fs=1000).process(np.array([[0.01, 0.0085], [0.01, 0.01]])).round()
+    array([[  800.,   741.],
+           [    0., 73567.]])
+    """
+    if kind not in KINDS:
+        raise BadValue(f"lut2: kind = {kind!r}; choose one of {', '.join(KINDS)}")
+    x, y = as_block(x), as_block(y)
+    make = {"linear": LinearGrid, "cubic": CubicGrid}[kind]
+    return make(x, y, table, plain("spacing", spacing, x, y), plain("origin", origin, x, y), unit)

@@ -1,0 +1,140 @@
+"""Surfaces written a second time: gratings in extended precision, noise over place by Gauss's rule in each of its cells."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..blocks.places import Grating, SpatialNoise
+from ..core.graph import Mul, Param, reach
+from ..design.octaves import octaves
+from ..errors import SceneError
+from .evidence import Check, Evidence, live
+from .laws import LOW, philox
+
+MOST = 20_000  # samples at which the scene's law is computed, evenly over the run
+LAW_DB = 0.5
+PI = np.longdouble("3.14159265358979323846264338327950288")
+
+
+def movements(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each sample's movement began, at the first of a contact where it is; and whether in contact."""
+    on = contact > 0
+    return np.where(on & ~np.r_[False, on[:-1]], x, np.r_[x[:1], x[:-1]]), on
+
+
+def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Mean of sum depth sin(2 pi x/wavelength + phase) over each movement, in extended precision."""
+    a, b, total = before.astype(np.longdouble), x.astype(np.longdouble), np.zeros(x.size, np.longdouble)
+    for wavelength, depth, phase in parts.astype(np.longdouble):
+        half = PI * (b - a) / wavelength
+        size = np.where(half == 0, 1, np.sin(half) / np.where(half == 0, 1, half))
+        total += depth * size * np.sin(PI * (a + b) / wavelength + phase)
+    return total.astype(float)
+
+
+def roughness(before: np.ndarray, x: np.ndarray, b: SpatialNoise) -> np.ndarray:
+    """Mean of noise over place over each movement: Gauss's rule of two points is exact in each cell of its splines."""
+    found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
+    total, lost = np.zeros(x.size), 0.0
+    for j, (cell, own) in enumerate(zip(found.cells, found.power, strict=True)):
+        low, high = np.sort([before, x], axis=0) / cell + _word(b.seed, 2 * j + 1) * 2.0**-64
+        gain = np.sqrt(_faded(high - low) * (own + (1 - _faded(2 * (high - low))) * lost / cell))
+        lost += own * cell
+        on = gain > 0
+        if on.any():
+            total[on] += gain[on] * _spline(_word(b.seed, 2 * j), low[on], high[on])
+    return total
+
+
+def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Mean of a random quadratic spline between two places less than four of its cells apart."""
+    first = np.floor(low)
+    cells, place = np.unique(first.astype(np.int64), return_inverse=True)
+    z = _lattice(key, cells[:, None] + np.arange(7))[place].T
+    way, mean = high - low, np.zeros(low.size)
+    for k in range(int(np.max(np.floor(high) - first)) + 1):
+        a, b = (np.clip(v, first + k, first + k + 1) for v in (low, high))
+        part = np.where(way > 0, (b - a) / np.where(way > 0, way, 1), k == 0)
+        for point in (-1, 1):
+            t = (a + b) / 2 - first - k + point * (b - a) / math.sqrt(12)
+            mean += part / 2 * (z[k] * (1 - t) ** 2 / 2 + z[k + 1] * (0.5 + t - t**2) + z[k + 2] * t**2 / 2)
+    return mean
+
+
+def _faded(r: np.ndarray) -> np.ndarray:
+    """What is left of an octave of which a movement passes r cells: from all at 2 to nothing at 4, a cubic."""
+    t = np.clip((r - 2) / 2, 0, 1)
+    return 1 - 3 * t**2 + 2 * t**3
+
+
+def _word(seed: int, stream: int) -> int:
+    """The 64-bit word of a stream of a surface."""
+    w = philox((seed & LOW, seed >> 32, stream, 3), (0, 0))
+    return w[0] | w[1] << 32
+
+
+def _lattice(key: int, m: np.ndarray) -> np.ndarray:
+    """Lattice values: each half of a Philox block is a sum of four uniform numbers of 16 bits."""
+    pair = (m >> 1).astype(np.uint64)
+    w = philox((pair & LOW, pair >> 32, 0, 0), (key & LOW, key >> 32))
+    a, b = (np.where(m % 2, w[i + 2], w[i]) for i in (0, 1))
+    total = (a & 0xFFFF) + (a >> 16) + (b & 0xFFFF) + (b >> 16)
+    return (total.astype(float) - 2 * 65535) / math.sqrt((65536.0**2 - 1) / 3)
+
+
+def grating(e: Evidence) -> list[Check]:
+    """The scene: a sum of parameters times gratings and noise over place, each computed again from the movement alone."""
+    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
+    x, n = rows["x"], e.x.shape[1]
+    before, on = movements(x, rows.get("contact", np.ones(n)))
+    terms = _terms(e)
+    checks, bound = [], np.full(n, 1e-300)
+    for size, b in terms:
+        if isinstance(b, SpatialNoise):
+            depth, wavelength = np.ones(1), np.array([b.shortest])
+            e.numbers.append(f"roughness: 1/f^{b.slope:g} over {b.shortest:g} to {b.longest:g} m, seed {b.seed}")
+            checks.append(Check("d", "force: octaves of the roughness", _from_law(b), LAW_DB, f"dB from 1/f^{b.slope:g}"))
+        else:
+            wavelength, depth, _ = b.parts.T
+            e.numbers.append("grating: " + ", ".join(f"{1000 * v:.4g} mm" for v in wavelength))
+        for d, v in zip(np.abs(depth), wavelength, strict=True):  # a place is rounded, and so its phase
+            bound += np.abs(size) * d * (1e-12 + 2.0**-44 * np.abs(x) / v)
+
+    def force(at):
+        total = np.zeros(at.size)
+        for size, b in terms:
+            noise = isinstance(b, SpatialNoise)
+            total += size[at] * (roughness(before[at], x[at], b) if noise else gratings(before[at], x[at], b.parts))
+        return np.where(on[at], total, 0.0)
+
+    at = np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(int))
+    worst = float(np.max(np.abs(e.y[0, at] - force(at)) / bound[at], initial=0.0))
+    e.wanted["force"] = lambda: (force(np.arange(n)), float(bound.max(initial=0.0)))
+    text = f"error over its bound, {at.size} samples: what is at a place, averaged over each movement, written again"
+    checks.append(Check("d", "force: gratings and roughness of the place", worst, 1.0, text))
+    checks.append(Check("e", "force: none off contact", float(np.abs(e.y[0, ~on]).max(initial=0.0)), 0.0, "N"))
+    return checks
+
+
+def _terms(e: Evidence) -> list[tuple[np.ndarray, Any]]:
+    """Each parameter, at every sample, and the block that it is multiplied with."""
+    found = []
+    for b in reach(e.scene.outputs.values()):
+        if isinstance(b, Mul) and isinstance(b.b, (Grating, SpatialNoise)):
+            if not isinstance(b.a, Param):
+                raise SceneError("what a surface is multiplied with is no parameter")
+            found.append((live(e, b.a.name), b.b))
+    if not found:
+        raise SceneError("no grating, and no noise over place")
+    return found
+
+
+def _from_law(b: SpatialNoise) -> float:
+    """Largest distance of the octaves' spectrum from C f^-slope of power 1, in dB."""
+    found, f = octaves(b.slope, 1 / b.longest, 1 / b.shortest), np.geomspace(1 / b.longest, 1 / b.shortest, 2001)
+    power = np.trapezoid(f ** (1 - b.slope), np.log(f))
+    made = sum(2 * a * d * np.sinc(f * d) ** 6 for a, d in zip(found.power, found.cells, strict=True))
+    return float(np.abs(10 * np.log10(made * power * f**b.slope)).max())

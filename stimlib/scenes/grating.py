@@ -1,0 +1,71 @@
+"""A grooved and rough surface under a finger that strokes it: what is felt is tied to the place."""
+
+from __future__ import annotations
+
+from ..blocks.places import grating as ribs
+from ..blocks.places import spatial_noise
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+
+
+def grating(
+    depth: float = 0.2,
+    coarse: float = 2e-3,
+    fine_depth: float = 0.05,
+    fine: float = 0.4e-3,
+    roughness: float = 0.03,
+    slope: float = 1.0,
+    seed: int = 0,
+    shortest: float = 5e-5,
+    longest: float = 0.05,
+    contact: bool = False,
+) -> Scene:
+    """Force along the skin of a surface: two gratings, and roughness of spectrum 1/f^slope, the same on every way there.
+
+    F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x).  Each sample is the mean over the
+    movement of one sample period.
+
+    Parameters
+    ----------
+    depth, fine_depth : float
+        Of the two gratings, in N from the middle to the top, live by these names.
+    coarse, fine : float
+        Their wavelengths in m.
+    roughness : float
+        In N rms, live as ``roughness``.
+    slope : float
+        Of the roughness' spectrum over place, 0.5 to 4.
+    seed : int
+        Of the roughness: the name of the surface.
+    shortest, longest : float
+        Wavelengths in m between which its spectrum follows the law.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``force`` in N.
+
+    Raises
+    ------
+    BadValue
+        Wavelengths not above 0, a slope or seed out of range.
+
+    References
+    ----------
+    Gratings as a model of texture, and 1/f spectra of rough ones: Wiertlewski, Lozada and Hayward, IEEE Trans. Robotics 27, 2011.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import grating
+    >>> grating(coarse=1e-3, contact=True)
+    Scene(x [m], contact [1], depth [N], fine_depth [N], roughness [N] -> force [N])
+    """
+    check_arguments(grating, locals())
+    x = Input("x", "m")
+    on = Input("contact") if contact else 1.0
+    force = Param("depth", depth, "N") * ribs(x, [(coarse, 1.0, 0.0)], contact=on)
+    force += Param("fine_depth", fine_depth, "N") * ribs(x, [(fine, 1.0, 0.0)], contact=on)
+    force += Param("roughness", roughness, "N") * spatial_noise(x, slope, seed, shortest, longest, on)
+    return Scene({"force": force}, law="grating")
