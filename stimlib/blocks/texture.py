@@ -276,7 +276,7 @@ def texture(speed, force, model: TextureModel, seed: int, stream: int = 0, share
     >>> scene = stimlib.Scene({"a": texture(stimlib.Input("v", "m/s"), 1.0, made_up(), seed=1)})
     >>> proc = stimlib.compile(scene, fs=8000)
     >>> [round(float(proc.process(np.full((1, 16000), v)).std()), 1) for v in (0.01, 0.1)]  # faster is stronger
-    [0.3, 1.2]
+    [0.4, 1.1]
     """
     if not isinstance(model, TextureModel):
         raise BadValue(f"texture: model = {model!r:.80} is no TextureModel; load_texture(path) and fit_texture give one")

@@ -148,7 +148,7 @@ class TextureModel:
         >>> from stimlib.design.texture import made_up
         >>> w = made_up().weights(0.04, 0.5)
         >>> {int(i): round(float(w[i]), 3) for i in w.nonzero()[0]}
-        {5: 0.214, 6: 0.286, 9: 0.5}
+        {5: 0.5, 9: 0.214, 10: 0.286}
         """
         planes, corners = self.planes()
         x, y = (float(np.clip(v / top.max(), 0, 1)) for v, top in ((speed, self.speed), (force, self.force)))
@@ -280,8 +280,9 @@ def upsampler(times: int) -> np.ndarray:
     Examples
     --------
     >>> from stimlib.design.texture import upsampler
-    >>> upsampler(8).shape, upsampler(8)[0].round(12)
-    ((8, 12), array([0., 0., 0., 0., 0., 0., 1., 0., 0., 0., 0., 0.]))
+    >>> h = upsampler(8)
+    >>> h.shape, h[0, 6], h[4].round(3)[:6]
+    ((8, 12), np.float64(1.0), array([-0.003,  0.012, -0.033,  0.078, -0.178,  0.625]))
     """
     if times == 1:
         return np.eye(1, TAPS)
