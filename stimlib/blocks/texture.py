@@ -235,8 +235,8 @@ def texture(speed, force, model: TextureModel, seed: int, stream: int = 0, share
     At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds speed and force is found, the line
     spectral frequencies, gain and variance of its corners are weighted, and the ARMA model that they make takes one step.  It is
     stable at every place, because frequencies that rise at the corners rise between them.  What drives the model is scaled
-    before it is remembered, so a change of the place makes no click.  Between those samples a sinc of 12 taps interpolates; its
-    images are 44 dB down in the middle of the band.
+    before it is remembered, so a change of the place makes no click.  Between those samples a sinc of 12 taps interpolates,
+    flat within 1 % in power up to 0.356 of the model's rate.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def texture(speed, force, model: TextureModel, seed: int, stream: int = 0, share
 
     References
     ----------
-    Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014), sections 4 and 5.
+    Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014).
 
     Examples
     --------

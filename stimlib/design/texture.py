@@ -14,7 +14,7 @@ import numpy as np
 from ..core.bounds import limits
 from ..errors import BadValue
 
-TAPS, BETA = 12, 6.0  # of the interpolator, in samples of the model; of Kaiser's window: images at -44 dB in the middle
+TAPS, BETA = 12, 6.0  # of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to 0.35
 ORDER = 64  # the largest, of either polynomial
 SIZES = {  # what a model may have, in the units that files have
     "speed": (0.0, 1e5, 1e3, "mm/s"), "force": (0.0, 1e4, 1.0, "N"), "variance": (0.0, 1e6, 1.0, "(m/s^2)^2"),
@@ -151,7 +151,7 @@ class TextureModel:
         {5: 0.5, 9: 0.214, 10: 0.286}
         """
         planes, corners = self.planes()
-        x, y = (float(np.clip(v / top.max(), 0, 1)) for v, top in ((speed, self.speed), (force, self.force)))
+        x, y = (float(np.clip(v, 0, top.max()) / top.max()) for v, top in ((speed, self.speed), (force, self.force)))
         of = planes @ (x, y, 1.0)
         k = int(np.argmax(of.min(axis=1)))  # the triangle that holds it, or is nearest
         inside = np.maximum(of[k], 0.0)
@@ -276,6 +276,10 @@ def upsampler(times: int) -> np.ndarray:
     ndarray, shape (times, 12)
         Output m of an input sample is the sum of row m times the last 12 inputs, the newest first; 6 inputs late.  Each row adds
         up to 1.  Where the rate stays, nothing is late.
+
+    Notes
+    -----
+    Its power is flat within 1 % up to 0.356 of the lower rate, a quarter at the half of it, and below -50 dB from 0.65 on.
 
     Examples
     --------
