@@ -231,7 +231,8 @@ TABLE = [
     Entry("white_shared", "White", lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)), (normal,)),
     Entry(
         "texture", "Texture",
-        lambda v, f: b.texture(constant(0.1, "m/s") * v, constant(1.0, "N") * f, MADE_UP, seed=8), (held, positive),
+        lambda v, f: b.texture(constant(0.1, "m/s") * v, constant(1.0, "N") * f, MADE_UP, seed=21, shared=True),
+        (held, positive),
     ),
     Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,), edges=True),
     Entry("enabled_held", "Enabled", lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),

@@ -44,7 +44,7 @@ class TextureModel:
     gain : array_like, shape (n,)
         Without unit; 1 where a fit has put all into the variance.
     rate : float
-        At which the models run, in Hz.
+        At which the models run, in Hz; 10 or above.
     name : str
     mu : float
         Coefficient of friction, as measured; the vibration does not use it.
@@ -83,8 +83,8 @@ class TextureModel:
             object.__setattr__(self, name, v)
         if n < 3:
             raise BadValue(f"a texture needs at least 3 models, which make a triangle, and has {n}")
-        if not 0 < self.rate <= 1e6:
-            raise BadValue(f"the rate of a texture is {self.rate:g} Hz; it must be above 0, to 1e6")
+        if not 10 <= self.rate <= 1e6:
+            raise BadValue(f"the rate of a texture is {self.rate:g} Hz; it must be from 10 to 1e6, and is 1000 as a rule")
         limits.check("table_knots", self.triangles.size + self.lsf.size + self.ma.size, "a texture: numbers")
         for name in ("force", "lsf", "ma", "variance", "gain"):
             if len(getattr(self, name)) != n:
@@ -254,7 +254,7 @@ def frequencies(a: np.ndarray) -> np.ndarray:
     >>> frequencies(np.array([1.0, 0.0, 0.0])).round(4)  # of 1 they are spread evenly
     array([1.0472, 2.0944])
     """
-    a = np.asarray(a, float) / a[0]
+    a = np.atleast_1d(a) / np.atleast_1d(a)[0]
     radius = float(np.abs(np.roots(a)).max(initial=0.0))
     if not radius < 1:
         raise BadValue(f"a root of the polynomial has the radius {radius:.6g}; below 1 it would be stable")

@@ -171,7 +171,7 @@ def fit_texture(
     """
     a, v, f = _signals(acceleration=acceleration, speed=speed, force=force)
     v = np.abs(v)
-    for what, value, least, most in (("order", order, 1, ORDER), ("fs", fs, 1, 1e6), ("seconds", seconds, 0, np.inf)):
+    for what, value, least, most in (("order", order, 1, ORDER), ("fs", fs, 10, 1e6), ("seconds", seconds, 0, np.inf)):
         if not least <= value <= most:
             raise BadValue(f"fit_texture: {what} = {value!r} must be from {least} to {most:g}")
     some = (v > 0) & (f > 0)

@@ -82,7 +82,9 @@ def test_what_a_file_may_leave_out_and_add(tmp_path):
     save_texture(dc.replace(MODEL, ma=np.empty((9, 0))), tmp_path / "a.xml")
     text = (tmp_path / "a.xml").read_text()
     text = re.sub(r'<gain>1.0</gain>|<MAlsf type="array"></MAlsf>|<mu>.*</mu>', "", text)
-    text = text.replace("<modelSet>", '<!-- a note --><modelSet texture="0"><speedList type="array"><value>x</value></speedList>')
+    text = text.replace("utf-8", "rot13").replace(
+        "<modelSet>", '<!-- a note --><modelSet texture="0"><speedList type="array"><value>x</value></speedList>'
+    )
     (tmp_path / "a.xml").write_text(text)
     got = load_texture(tmp_path / "a.xml")
     assert (got.gain == 1).all() and got.ma.shape == (9, 0) and got.mu == 0.0

@@ -3,7 +3,7 @@ A measured texture
 ==================
 
 Noise whose spectrum follows speed and normal force, after measurements; this surface is invented. See
-:doc:`/reference/blocks/texture`.
+:doc:`/reference/blocks/textures`.
 """
 
 import stimlib
