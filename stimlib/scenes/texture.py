@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 from ..blocks.impedance import velocity
 from ..blocks.texture import texture as texture_block
 from ..core.graph import Input, Param, check_arguments
@@ -13,7 +11,7 @@ from ..design.texture_file import load_texture
 
 
 def texture(
-    model: TextureModel | str | os.PathLike | None = None,
+    model=None,
     level: float = 1.0,
     seed: int = 0,
     cutoff: float = 20.0,
@@ -49,7 +47,7 @@ def texture(
     --------
     >>> from stimlib.scenes import texture
     >>> texture()
-    Scene(x [m], force [N], level [1] -> acceleration [m/s^2])
+    Scene(x [m], force [N], level [1] -> acceleration [m/s**2])
     """
     check_arguments(texture, locals())
     if not isinstance(model, TextureModel):
