@@ -15,6 +15,7 @@ from scipy import signal
 import stimlib
 from stimlib import Block, Input, Scene, constant
 from stimlib import blocks as b
+from stimlib.design.texture import made_up
 from stimlib.speed.timing import interleaved, medians
 
 FS, N, BLOCK = 8000, 1 << 16, 4096
@@ -23,6 +24,7 @@ RNG = np.random.default_rng(0)
 NOISE, SILENCE = RNG.standard_normal(N), np.zeros(N)
 EVENTS = np.where(RNG.random(N) < 0.001, 1.0, 0.0)
 SHAPE = RNG.standard_normal(800)
+SURFACE, PRESS = made_up(10, np.linspace(0, 0.2, 7), np.linspace(0, 3, 9)), F * constant(0.005, "N s")
 SWEEP = 300 + 200 * np.sin(np.arange(N) / 50)
 
 
@@ -76,6 +78,7 @@ def others() -> list[Row]:
         "grain of 800, 8 events a second": puller(b.grain(X, SHAPE, FS), EVENTS),
         "sawtooth, frequency that moves": puller(b.oscillator(F, "sawtooth") + X), "chirp": puller(X + b.chirp(20, 400, 9.0)),
         "pulse train": puller(X + b.pulse_train(F + 0.0 * hz)), "every": puller(X + b.every(0.01)),
+        "texture of order (20, 18), a model each ms": puller(b.texture(X * constant(0.1, "m/s"), PRESS, SURFACE, seed=1)),
         "timeline": puller(X + b.timeline([(0, 0), (1, 1), (5, 0)])),
     }  # fmt: skip
     return [row(name, seconds / N * 1e9) for name, seconds in medians(interleaved(jobs, 9)).items()]

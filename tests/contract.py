@@ -31,6 +31,7 @@ from stimlib.blocks.tracking import track, track_velocity
 from stimlib.core.graph import Block, Guard, registry
 from stimlib.design import responses as law
 from stimlib.design.responses import Law
+from stimlib.design.texture import made_up
 
 
 # What drives an input ------------------------------------------------------------------------------------------------
@@ -117,6 +118,7 @@ SHAPE = [0.0, 0.5, -0.25, 1.0, 0.75], [-1.0, 0.3, 0.9, 1.0, 2.0]
 ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -1.0, 0.0, 2.0, -1.8, 0.0]]
 KNOTS, VALUES = [-1.5, -0.5, 0.0, 0.6, 2.0], [2.0, -1.0, 0.0, 0.5, -0.3]
 FS8 = (8000.0, 48000.0)
+MADE_UP = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))
 
 
 TABLE = [
@@ -227,6 +229,11 @@ TABLE = [
     Entry("pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w),
     Entry("white", "White", lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1), laws=(law.delay(0),)),
     Entry("white_shared", "White", lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)), (normal,)),
+    Entry(
+        "texture", "Texture",
+        lambda v, f: b.texture(constant(0.1, "m/s") * v, constant(1.0, "N") * f, MADE_UP, seed=21, shared=True),
+        (held, positive),
+    ),
     Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,), edges=True),
     Entry("enabled_held", "Enabled", lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),
         (held,)),

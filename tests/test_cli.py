@@ -275,7 +275,7 @@ def test_odd_scenes_get_one_line(scene, says):
 
 
 @pytest.mark.parametrize(
-    "make", [stimlib.scenes.squeeze, stimlib.scenes.bumps, stimlib.scenes.viscoelastic, stimlib.scenes.grating]
+    "make", [getattr(stimlib.scenes, name) for name in ("squeeze", "bumps", "viscoelastic", "grating", "texture")]
 )
 def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
     odd = [

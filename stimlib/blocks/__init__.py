@@ -2,6 +2,7 @@
 
 from ..core.graph import constant, enabled
 from ..core.loops import loop
+from ..design.texture_file import load_texture, save_texture
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .bump import bump
 from .carrier import carrier
@@ -29,6 +30,7 @@ from .sources import band_noise, chirp, playback
 from .springpot import springpot
 from .svf import notch, resonator, svf
 from .table import lut
+from .texture import texture
 from .tracking import track, track_velocity
 from .transients import grain, ring
 
@@ -37,9 +39,10 @@ __all__ = [
     "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
     "crossing", "delay", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force", "equalize",
     "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "grating", "highpass",
-    "hysteresis", "integrate", "kelvin_voigt", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum", "maxwell",
-    "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
-    "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "sin", "skin_drive", "slew_limit", "sos",
-    "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt", "standard_linear_solid",
-    "static_limit", "svf", "tanh", "timeline", "track", "track_velocity", "velocity", "where", "white_noise",
+    "hysteresis", "integrate", "kelvin_voigt", "load_texture", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum",
+    "maxwell", "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise",
+    "pinking", "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "sin",
+    "skin_drive", "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness",
+    "sqrt", "standard_linear_solid", "static_limit", "svf", "tanh", "texture", "timeline", "track", "track_velocity",
+    "velocity", "where", "white_noise",
 ]  # fmt: skip

@@ -56,6 +56,81 @@ def white(run_seed: int, seed: int, stream: int, first: int, n: int) -> np.ndarr
     return y[:n]
 
 
+# Textures ----------------------------------------------------------------------------------------------------------------
+def texture_weights(at: np.ndarray, places: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (n, 3) and their weights at places (n, 2): areas of the triangles that a place makes with two corners.
+
+    Where it is in no triangle, that in which its smallest weight is largest, and weights below 0 as 0.
+    """
+
+    def area(a, b, c):
+        return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
+
+    a, b, c = (places[triangles[:, k]] for k in range(3))
+    whole = area(a, b, c)
+    some = np.abs(whole) > 1e-9
+    a, b, c, whole, triangles = a[some], b[some], c[some], whole[some], triangles[some]
+    w = np.empty((len(at), 3))
+    corners = np.empty((len(at), 3), int)
+    for k in range(0, len(at), 4096):
+        x = at[k : k + 4096, None]
+        parts = np.stack([area(x, b, c), area(a, x, c), area(a, b, x)], axis=-1) / whole[:, None]
+        t = parts.min(axis=-1).argmax(axis=1)
+        w[k : k + 4096] = np.maximum(parts[np.arange(t.size), t], 0)
+        corners[k : k + 4096] = triangles[t]
+    return corners, w / w.sum(axis=1, keepdims=True)
+
+
+def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
+    """Coefficients (n, p) behind the 1 of polynomials from their line spectral frequencies (n, p), all roots multiplied out."""
+    n, p = lsf.shape
+    halves = []
+    for first, sign in ((0, 1.0), (1, -1.0)):
+        roots = np.exp(1j * lsf[:, first::2])
+        half = np.ones((n, 1), complex)
+        fixed = [-sign] if p % 2 == 0 else [1.0, -1.0] if sign < 0 else []
+        for root in (*roots.T, *roots.conj().T, *fixed):
+            more = np.pad(half, ((0, 0), (0, 1)))
+            more[:, 1:] -= np.reshape(root, (-1, 1)) * half
+            half = more
+        halves.append(half.real)
+    return (halves[0] + halves[1])[:, 1 : p + 1] / 2
+
+
+def texture(model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray, every: int) -> np.ndarray:
+    """Acceleration of a measured texture: y = v + sum b v[-k] - sum a y[-k] at each ``every``-th sample, and a sinc between them.
+
+    Parameters
+    ----------
+    model : TextureModel
+        Its numbers count, not what it computes.
+    speed, force, noise : ndarray, shape (n,)
+        In m/s and N, and of the deviation 1.
+    every : int
+    """
+    from scipy.signal import upfirdn
+    from scipy.signal.windows import kaiser
+
+    top = np.array([model.speed.max(), model.force.max()])
+    at = np.nan_to_num(np.clip(np.stack([np.abs(speed[::every]), force[::every]], axis=1), 0, top)) / top
+    corners, w = texture_weights(at, np.stack([model.speed, model.force], axis=1) / top, model.triangles.astype(int))
+
+    def mean(v):
+        return np.einsum("nk,nk...->n...", w, v[corners])
+
+    v = mean(model.gain) * np.sqrt(mean(model.variance)) * noise[::every]
+    ar, ma = from_line_spectrum(mean(model.lsf)), from_line_spectrum(mean(model.ma))
+    p, q = ar.shape[1], ma.shape[1]
+    driven, y = np.r_[np.zeros(q), v], np.zeros(p + v.size)
+    for n in range(v.size):
+        y[p + n] = v[n] + ma[n] @ driven[n : n + q][::-1] - ar[n] @ y[n : n + p][::-1]
+    if every == 1:
+        return y[p:]
+    t = np.arange(12 * every) / every - 6
+    taps = (np.sinc(t) * kaiser(12 * every + 1, 6.0)[:-1]).reshape(12, every)
+    return upfirdn((taps / taps.sum(axis=0)).ravel(), y[p:], every)[: speed.size]
+
+
 # Scenes ----------------------------------------------------------------------------------------------------------------
 class Finger(NamedTuple):
     """The squeeze law of one finger, computed from scratch: all arrays have one value per sample."""

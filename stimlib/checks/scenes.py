@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import spectra
 from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..core.scene import Scene
 from ..errors import SceneError
@@ -15,6 +16,8 @@ from ..run.processor import compile
 from ..run.walk import samples
 from . import laws, surfaces
 from .evidence import Check, Evidence, Tap, live
+
+TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
 
 
 def scene_law(e: Evidence) -> list[Check]:
@@ -280,11 +283,49 @@ def _bumps(e: Evidence) -> list[Check]:
     return checks
 
 
+def _texture(e: Evidence) -> list[Check]:
+    """The acceleration of a measured texture, written again; where speed and force stand still, also its spectrum."""
+    from ..blocks.noise import White
+    from ..blocks.texture import Texture
+
+    block: Any = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, Texture))
+    model, white, n = block.model, block.white, e.x.shape[1]
+    if not isinstance(white, White) or block.autonomous:
+        e.skipped.append("acceleration: the law covers a moving tool, and the library's noise")
+        return []
+    every = round(e.fs / model.rate)
+    speed, force = _signal(e, block.speed), _signal(e, block.force)
+    want = live(e, "level") * laws.texture(model, speed, force, laws.white(e.seed, *white.noise_key, 0, n), every)
+    top = float(np.abs(want).max()) or 1.0
+    e.wanted["acceleration"] = lambda: (want, TEXTURE * top)
+    e.numbers.append(f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at {model.rate:g} Hz")
+    error = float(np.abs(e.y[0] - want).max() / top)
+    checks = [Check("d", "acceleration: the models' recursion", error, TEXTURE, "triangles, polynomials, sinc, written again")]
+    steady = slice(n // 4 // every * every, None, every)
+    v, N = abs(speed[steady]), force[steady]
+    if np.ptp(v) > 1e-3 * v.mean() or np.ptp(N) > 1e-3 * N.mean() or np.ptp(live(e, "level")) or not want[steady].any():
+        e.skipped.append("acceleration: speed and force move, so it has no one spectrum")
+        return checks
+    gain = live(e, "level")[0]
+
+    def psd(f):
+        return gain**2 * model.psd(f, v.mean(), N.mean())
+
+    s = spectra.test_spectrum(e.y[0, steady], model.rate, psd, 5.0, 0.49 * model.rate, e.share)
+    if s is not None:
+        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
+        checks.append(
+            Check("c", f"acceleration: spectrum, {len(s.bands)} bands", -np.log10(max(s.p, 1e-300)), -np.log10(e.share), text)
+        )
+    return checks
+
+
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
     "squeeze": _squeeze,
     "viscoelastic": _viscoelastic,
     "bumps": _bumps,
     "grating": surfaces.grating,
+    "texture": _texture,
 }
 
 

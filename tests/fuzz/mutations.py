@@ -5,6 +5,7 @@ Who chooses is a function, ``below(n)``, a whole number from 0 to n - 1: hypothe
 
 import io
 import json
+import re
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -149,6 +150,16 @@ def _archive(data: bytes, below: Below) -> bytes:
     return raw.getvalue()
 
 
+def _elements(data: bytes, below: Below) -> bytes:
+    """Of XML: a text is another, or a tag goes."""
+    text = data.decode(errors="replace")
+    texts, tags = list(re.finditer(r"(?<=>)[^<>]+(?=<)", text)), list(re.finditer(r"<[^<>]*>", text))
+    at = pick(below, tags if below(3) == 0 and tags else texts or [re.search("$", text)])
+    new = "" if text[at.start() : at.end()].startswith("<") else pick(below, NUMBERS if below(3) else TEXTS)
+    return (text[: at.start()] + new + text[at.end() :]).encode(errors="replace")
+
+
 CHANGES: dict[str, Callable[[bytes, Below], bytes]] = {
     "csv": _cells, "table": _cells, "npz": _archive, "scene": _json, "sidecar": _json, "session": _json, "events": _json,
+    "texture": _elements,
 }  # fmt: skip

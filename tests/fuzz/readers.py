@@ -8,6 +8,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
-from stimlib.blocks import equalize, lut
+from stimlib.blocks import equalize, load_texture, lut, save_texture, texture
+from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
 from stimlib.errors import StimlibError
 from stimlib.files import audio as file
@@ -121,6 +123,21 @@ def _table(data: bytes, folder: Path) -> object:
     return equalize(x, path) if done is None else done
 
 
+def _textures() -> list[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        save_texture(made_up(1, (0.0, 0.1), (0.0, 1.0)), Path(folder) / "a.xml")
+        return [(Path(folder) / "a.xml").read_bytes()]
+
+
+def _texture(data: bytes, folder: Path) -> object:
+    model = load_texture(_written(folder, "a.xml", data))
+    with suppress(StimlibError):  # a rate that does not fit
+        scene = stimlib.Scene({"a": texture(0.05, stimlib.Input("N", "N"), model, seed=1)})
+        y = stimlib.compile(scene, 8000, target="python").process(np.array([[0.0, 0.5, 1e3]]))
+        assert np.isfinite(y).all()
+    return model
+
+
 def _scene(data: bytes, folder: Path) -> object:
     scene = stimlib.load(_written(folder, "scene.json", data))
     repr(scene)
@@ -184,6 +201,7 @@ READERS: dict[str, Reader] = {
     "csv": Reader(lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()], _recording(".csv")),
     "npz": Reader(_npz, _recording(".npz")),
     "table": Reader(lambda: [TABLE.encode()], _table),
+    "texture": Reader(_textures, _texture),
     "scene": Reader(_scenes, _scene),
     "sidecar": Reader(lambda: [_audio()[1]], _sidecar),
     "audio": Reader(lambda: [_audio()[0]], _sound),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from stimlib.errors import StimlibError
 
-OURS = ("csv", "npz", "table")  # readers that hold the promise for every input tried so far
+OURS = ("csv", "npz", "table", "texture")  # readers that hold the promise for every input tried so far
 
 
 @pytest.mark.parametrize("case", sorted(p for p in CASES.glob("*/*") if p.is_file()), ids=lambda p: f"{p.parent.name}/{p.name}")

@@ -29,10 +29,11 @@ from ...blocks.modes import Modes, PinkNoise
 from ...blocks.places import SpatialNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
+from ...blocks.texture import Texture
 from ...blocks.transients import Grain, Ring
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
-from . import placeforms, signalforms, traced
+from . import placeforms, signalforms, textureforms, traced
 from .recurrence import SHORT
 
 TILE = 64  # samples per row of a matrix product
@@ -489,5 +490,5 @@ LOWERINGS: dict[type[Block], Callable] = {
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,
-    thesis.Downsampled: downsampled, thesis.ShortMemory: short_memory,
+    thesis.Downsampled: downsampled, thesis.ShortMemory: short_memory, Texture: textureforms.texture,
 }  # fmt: skip

@@ -1,0 +1,17 @@
+"""
+A measured surface
+==================
+
+Strokes that become harder, over a surface that was invented in the place of one that was measured. See
+:doc:`/reference/scenes/texture`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.motion.generators import ramp_and_hold, sinusoid
+from stimlib.scenes import texture
+
+hand = {"x": sinusoid(0.04, 0.8), "force": ramp_and_hold(depth=2.5, rise=2.0)}
+result = stimlib.render(texture(), hand, fs=8000, seconds=2.5)
+listen(result, "acceleration", "texture.wav")
+figure = result.plot()

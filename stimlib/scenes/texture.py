@@ -1,0 +1,59 @@
+"""A measured surface under a tool: Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014)."""
+
+from __future__ import annotations
+
+from ..blocks.impedance import velocity
+from ..blocks.texture import texture as texture_block
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+from ..design.texture import TextureModel, made_up
+from ..design.texture_file import load_texture
+
+
+def texture(
+    model=None,
+    level: float = 1.0,
+    seed: int = 0,
+    cutoff: float = 20.0,
+    contact: bool = False,
+) -> Scene:
+    """Acceleration of a tool that strokes a measured surface: noise through a model that follows speed and normal force.
+
+    Parameters
+    ----------
+    model : TextureModel or path, optional
+        See ``load_texture`` and ``stimlib.fitting.texture.fit_texture``.  By default an invented one of stimlib's, because those
+        of the toolkit may not be passed on.
+    level : float
+        Factor on the acceleration, live as ``level``.
+    seed : int
+        Of the noise.
+    cutoff : float
+        Of the velocity estimate, in Hz.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not): a lift is as no force, and re-contact starts anew.
+
+    Returns
+    -------
+    Scene
+        Inputs ``x`` in m and ``force`` in N, output ``acceleration`` in m/s^2.
+
+    Raises
+    ------
+    BadValue
+        A file that is no texture; numbers out of range; at compile time, a sample rate that is no whole multiple of the model's.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import texture
+    >>> texture()
+    Scene(x [m], force [N], level [1] -> acceleration [m/s**2])
+    """
+    check_arguments(texture, locals())
+    if not isinstance(model, TextureModel):
+        model = made_up() if model is None else load_texture(model)
+    x, N = Input("x", "m"), Input("force", "N")
+    touching = Input("contact") if contact else 1.0
+    v = velocity(x, cutoff, touching)
+    a = texture_block(v, N * touching, model, seed)
+    return Scene({"acceleration": Param("level", level) * a}, law="texture")

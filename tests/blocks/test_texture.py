@@ -1,0 +1,238 @@
+"""Measured textures: the model between its points, files good and bad, and the block against the model's own spectrum."""
+
+import dataclasses as dc
+import re
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Scene, constant
+from stimlib.blocks import load_texture, save_texture, texture
+from stimlib.blocks.texture import Texture, predictor
+from stimlib.core.bounds import limits
+from stimlib.design.texture import TextureModel, frequencies, made_up, polynomial, upsampler
+from stimlib.errors import SceneFileError, UnitError
+
+MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))  # as in contract.py, so that it is compiled once
+PLACES = [(0.03, 0.4), (0.05, 1.0), (0.08, 2.0), (0.15, 2.5), (0.02, 3.5)]  # the last one beyond
+
+
+def driven(fs):
+    """The block with all three of its signals given."""
+    numbers = MODEL.speed, MODEL.force, MODEL.triangles, MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain, MODEL.rate
+    given = Input("white"), Input("v", "m/s"), Input("f", "N")
+    return stimlib.compile(Scene({"a": Texture(*given, *numbers)}), fs)
+
+
+# The model ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("p", range(10))
+def test_a_polynomial_from_its_frequencies_by_two_routes(p):
+    roots = 0.9 * np.exp(1j * np.linspace(0.3, 2.5, p // 2)) * np.linspace(1.0, 0.5, p // 2)
+    a = np.atleast_1d(np.poly(np.r_[roots, roots.conj(), [0.4] * (p % 2)])).real
+    lsf, found = frequencies(a), np.zeros(p)
+    predictor(np.cos(lsf), p, np.zeros(9), np.zeros(9), found)
+    np.testing.assert_allclose(polynomial(lsf), a, atol=1e-13)
+    np.testing.assert_allclose(found, a[1:], atol=1e-13)
+
+
+def test_what_is_not_stable_has_no_frequencies():
+    with pytest.raises(BadValue, match="radius 1.25"):
+        frequencies(np.array([1.0, -1.25]))
+
+
+def test_weights_are_those_of_the_triangle_at_every_place():
+    sliver = dc.replace(MODEL, triangles=np.r_[[[0, 1, 2], [2, 1, 0]], MODEL.triangles[::-1]])  # three on a line, both ways
+    for model in (MODEL, sliver):
+        for i in range(9):
+            np.testing.assert_allclose(model.weights(model.speed[i], model.force[i]), np.eye(9)[i], atol=1e-12)
+        for v, f in np.random.default_rng(1).uniform(0, (0.15, 2.5), (50, 2)):
+            w = model.weights(v, f)
+            assert (w >= 0).all() and np.count_nonzero(w) <= 3
+            np.testing.assert_allclose([w.sum(), w @ model.speed, w @ model.force], [1, v, f], atol=1e-12)
+    np.testing.assert_array_equal(MODEL.weights(9.0, -1.0), MODEL.weights(0.15, 0.0))
+
+
+def test_every_place_is_stable():
+    for v, f in np.random.default_rng(2).uniform(0, (0.15, 2.5), (200, 2)):
+        b, a, deviation = MODEL.at(v, f)
+        assert max(np.abs(np.roots(a)).max(), np.abs(np.roots(b)).max()) < 0.97 and deviation >= 0
+
+
+def test_images_of_the_interpolator_are_low_and_its_band_is_flat():
+    h = upsampler(8).ravel("F")  # in the order of time
+    H = np.abs(np.fft.rfft(h, 8000)) / 8
+    assert np.abs(H[:356] ** 2 - 1).max() < 0.01 and abs(H[500] - 0.5) < 1e-4 and H[650:4000].max() < 10 ** (-50 / 20)
+    assert upsampler(1)[0, 0] == upsampler(1).sum() == 1.0
+
+
+# Files -------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("model", [MODEL, dc.replace(MODEL, ma=np.empty((9, 0)), name="a & <b>", mu=0.4, rate=2000.0)])
+def test_a_file_gives_back_what_was_written(model, tmp_path):
+    save_texture(model, tmp_path / "a.xml")
+    got = load_texture(tmp_path / "a.xml")
+    for name, v in dc.asdict(model).items():
+        if name in ("name", "mu", "rate", "lsf", "triangles"):
+            assert np.all(getattr(got, name) == v), name
+        else:
+            np.testing.assert_allclose(getattr(got, name), v, rtol=1e-15)
+
+
+def test_what_a_file_may_leave_out_and_add(tmp_path):
+    save_texture(dc.replace(MODEL, ma=np.empty((9, 0))), tmp_path / "a.xml")
+    text = (tmp_path / "a.xml").read_text()
+    text = re.sub(r'<gain>1.0</gain>|<MAlsf type="array"></MAlsf>|<mu>.*</mu>', "", text)
+    text = text.replace("utf-8", "rot13").replace(
+        "<modelSet>", '<!-- a note --><modelSet texture="0"><speedList type="array"><value>x</value></speedList>'
+    )
+    (tmp_path / "a.xml").write_text(text)
+    got = load_texture(tmp_path / "a.xml")
+    assert (got.gain == 1).all() and got.ma.shape == (9, 0) and got.mu == 0.0
+
+
+BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;&b;">]><modelSet>&c;</modelSet>'
+LSF = r'(<ARlsf type="array">)<value>[^<]*</value>'
+BAD = [  # what is done to a good file, and what is said
+    (r"<modelSet>(.|\n)*", "<modelSet>", "a.xml: not XML: no element found"),
+    (r"<\?xml(.|\n)*", "", "a.xml: not XML"),
+    (r"<modelSet>(.|\n)*", "<svg></svg>", "a.xml, line 2: it begins with <svg>"),
+    (r"<\?xml(.|\n)*", BOMB, "a.xml, line 1: it has a document type"),
+    (r"<SampleRate>.*</SampleRate>", "", "it has no <SampleRate>"),
+    (r"<SampleRate>.*</SampleRate>", "<SampleRate>-1000</SampleRate>", "the rate of a texture is -1000 Hz"),
+    (r"<model>.*</model>\n", "", "it has no <model>"),
+    (r"(<model>.*</model>\n){2}(?=</modelSet>)", "", "triangle [0-9], of the models [0-9 ]+: there are the models 1 to 7"),
+    (r"<tri.*</tri>\n", "", "triangles of a texture must be rows of three model numbers"),
+    (r"(<tri type=\"array\">)<value>1</value>", r"\1<value>0</value>", "triangle 1, of the models 0 4 5"),
+    (r"(<tri type=\"array\">)<value>1</value>", r"\1<value>1.5</value>", "triangle 1, of the models 1.5 4 5"),
+    (r"(<tri type=\"array\">)<value>1</value>", r"\1", "triangle 1 has 2 model numbers"),
+    (LSF, r"\1<value>3.2</value>", "model 1: AR line spectral frequency 2 = .* would be unstable"),
+    (LSF, r"\1<value>-0.1</value>", "model 1: AR line spectral frequency 1 = -0.1 rad"),
+    (LSF, r"\1<value>nan</value>", "a.xml, line 16: 'nan' in <value> is not a finite number"),
+    (LSF, r"\1<value>1e999</value>", "'1e999' in <value>"),
+    (LSF, r"\1", "model 2 has 4 values in <ARlsf>, and model 1 3"),
+    (r"<ARlsf.*?</ARlsf>", "", "model 1 has no <ARlsf>"),
+    (r"<var>.*?</var>", "<var>1e9</var>", r"model 1: variance = 1e\+09 \(m/s\^2\)\^2 must be from 0 to 1e\+06"),
+    (r"<var>.*?</var>", "<var>-1</var>", "model 1: variance = -1"),
+    (r"<gain>.*?</gain>", "<gain>1e9</gain>", r"model 1: gain = 1e\+09 must be"),
+    (r"<speedMod>.*?</speedMod>", "<speedMod>1e9</speedMod>", r"model 1: speed = 1e\+09 mm/s must be"),
+    (r"<forceMod>.*?</forceMod>", "<forceMod>-2</forceMod>", "model 1: force = -2 N must be"),
+    (r"<forceMod>.*?</forceMod>", "<forceMod>two</forceMod>", "'two' in <forceMod>"),
+    (r"(?s)<forceMod>.*?</forceMod>", "<forceMod>0</forceMod>", "at speed 0 or at force 0"),
+]
+
+
+@pytest.mark.parametrize(("pattern", "instead", "why"), BAD, ids=range(len(BAD)))
+def test_a_bad_file_says_where_and_why(pattern, instead, why, tmp_path):
+    save_texture(MODEL, tmp_path / "a.xml")
+    every = "forceMod" in pattern and "(?s)" in pattern or "model>" in pattern or pattern.startswith("<tri")
+    text, count = re.subn(pattern, instead, (tmp_path / "a.xml").read_text(), count=0 if every else 1)
+    (tmp_path / "a.xml").write_text(text)
+    assert count
+    with pytest.raises(BadValue, match=why):
+        load_texture(tmp_path / "a.xml")
+
+
+def test_a_file_is_bounded_and_regular(tmp_path, monkeypatch):
+    save_texture(MODEL, tmp_path / "a.xml")
+    monkeypatch.setattr(limits, "table_knots", 20)
+    with pytest.raises(BadValue, match="table_knots"):
+        load_texture(tmp_path / "a.xml")
+    monkeypatch.setattr(limits, "sidecar_bytes", 100)
+    with pytest.raises(BadValue, match="sidecar_bytes"):
+        load_texture(tmp_path / "a.xml")
+    with pytest.raises(BadValue, match="not a regular file"):
+        load_texture("/dev/zero")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"lsf": np.ones((9, 0))}, "may have 1 to 64"),
+        ({"lsf": np.ones((8, 4))}, "8 rows of lsf"),
+        ({"variance": [1.0, 2.0]}, "2 rows of variance"),
+        ({"gain": np.full(9, np.inf)}, "gain of a texture must be a row of finite numbers; model 1 is not"),
+        ({"triangles": [[0, 1, 2]]}, "no triangle of the texture has an area"),
+        ({"triangles": [[0, 1]]}, "rows of three model numbers"),
+        ({"rate": np.nan}, "rate of a texture must be a number"),
+        ({"speed": "fast"}, "speed of a texture must be a row"),
+    ],
+)
+def test_a_model_of_wrong_numbers_is_refused(change, why):
+    with pytest.raises(BadValue, match=why):
+        dc.replace(MODEL, **change)
+    with pytest.raises(BadValue, match="at least 3 models"):
+        TextureModel([0.0], [0.0], [[0, 0, 0]], [[1.0]], [[]], [1.0], [1.0])
+
+
+# The block ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fs", [1000, 8000])
+def test_its_spectrum_is_the_models_at_every_place(fs):
+    """An impulse instead of noise, so that it is the spectrum itself and no estimate; within 1 % was asked for."""
+    proc, every, n = driven(fs), fs // 1000, 2048
+    f = np.arange(1, 1000) * 1000 / n
+    for v, force in PLACES:
+        proc.reset()
+        h = proc.process(np.array([np.arange(every * n) == 0, np.full(every * n, -v), np.full(every * n, force)]))[0]
+        own, both = (2 / 1000 * np.abs(np.fft.rfft(x)[1:1000]) ** 2 for x in (h[::every], h / every))
+        np.testing.assert_allclose(own, MODEL.psd(f, v, force), rtol=1e-9)
+        np.testing.assert_allclose(both[f < 350], MODEL.psd(f[f < 350], v, force), rtol=0.01)
+
+
+def test_it_is_the_same_at_every_rate_but_for_what_the_interpolator_is_late():
+    rng = np.random.default_rng(3)
+    x = np.array([rng.standard_normal(300), np.linspace(0, 0.2, 300), np.linspace(3, 0, 300)])
+    slow, fast = driven(1000).process(x)[0], driven(8000)
+    np.testing.assert_allclose(fast.process(np.repeat(x, 8, axis=1))[0, 48::8], slow[:-6], atol=1e-14)
+    assert fast.latency["a", "white"] == (48.0, 48.0) and driven(1000).latency["a", "white"] == (0.0, 0.0)
+
+
+def test_no_click_while_speed_and_force_sweep():
+    """Steps against the deviation that the model has there; also where the place jumps from corner to corner."""
+    proc, n = stimlib.compile(Scene({"a": texture(Input("v", "m/s"), Input("f", "N"), MODEL, seed=4)}), 8000), 32000
+    t = np.arange(n) / 8000
+    for v, f in (
+        (0.08 + 0.07 * np.sin(2 * np.pi * 3 * t), 1.3 + 1.1 * np.sin(2 * np.pi * 7.3 * t)),
+        (np.where(t % 0.02 < 0.01, 0.05, 0.15), np.where(t % 0.026 < 0.013, 1.0, 2.5)),
+    ):
+        y = proc.process(np.array([v, f]))[0]
+        bins = np.linspace(1, 499, 100)
+        own = np.array([np.sqrt(np.mean(MODEL.psd(bins, *p)) * 500) for p in zip(v[::80], f[::80], strict=True)])
+        local = np.maximum(own, np.roll(own, 1)).repeat(80)  # the output is 48 samples late
+        assert np.abs(np.diff(y) / local[1:]).max() < 3.0
+        assert 0.8 < y.std() / np.sqrt(np.mean(own**2)) < 1.25
+
+
+def test_what_is_no_number_is_silent_and_leaves_nothing_behind():
+    x = np.array([np.ones(400), np.full(400, 0.1), np.ones(400)])
+    for row, bad in ((1, np.nan), (2, np.nan), (2, -1.0), (1, 0.0)):
+        proc, broken = driven(1000), x.copy()
+        broken[row, 100:300] = bad
+        y = proc.process(broken)[0]
+        assert proc.fault is None and y[50:100].any() and y[300:].any() and np.abs(y[250:300]).max() < 1e-3
+    huge = driven(1000).process(np.array([x[0], x[1] * np.inf, x[2] * 1e300]))
+    np.testing.assert_array_equal(huge, driven(1000).process(np.array([x[0], x[1] + 0.05, x[2] + 1.5])))
+
+
+def test_what_it_does_not_take():
+    v = Input("v", "m/s")
+    for fs, near in ((44100, 44000), (500, 1000), (8000.5, 8000)):
+        with pytest.raises(BadValue, match=f"whole multiple of the model's 1000 Hz: take {near} Hz"):
+            stimlib.compile(Scene({"a": texture(v, 1.0, MODEL, seed=1)}), fs, "python")
+    with pytest.raises(BadValue, match="force = -1 N presses away"):
+        texture(v, -1.0, MODEL, seed=1)
+    with pytest.raises(UnitError, match="speed is .m. and must be .m/s."):
+        texture(Input("x", "m"), 1.0, MODEL, seed=1)
+    with pytest.raises(UnitError, match="force is .kg. and must be .N."):
+        texture(v, constant(1.0, "kg"), MODEL, seed=1)
+    with pytest.raises(BadValue, match="load_texture"):
+        texture(v, 1.0, "cork.xml", seed=1)
+
+
+def test_a_scene_file_keeps_the_model_and_is_not_trusted_with_it(tmp_path):
+    scene = Scene({"a": texture(Input("v", "m/s"), 1.0, MODEL, seed=1)})
+    scene.save(tmp_path / "a.json")
+    assert stimlib.load(tmp_path / "a.json").hash == scene.hash
+    data = scene.to_dict()
+    next(b for b in data["blocks"] if b["class"] == "Texture")["fields"]["lsf"][3][0] = 3.0
+    with pytest.raises(SceneFileError, match="model 4: AR line spectral frequency 2"):
+        Scene.from_dict(data)
