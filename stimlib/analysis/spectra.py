@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 OVERSAMPLE, REACH = 4, 15  # the taper's kernel: points per bin, points to each side (less than the lowest bin used)
+FEWEST_BINS = 8
 
 
 class Band(NamedTuple):
@@ -31,9 +32,19 @@ class Spectrum(NamedTuple):
     bands: list[Band]
     trend_p: float  # of the smallest weighted sum
     level_db: float  # measured level over the model's
-    smallest_db: float  # level error that would be seen with 90 % power at this length
     p: float  # of everything, corrected for the number of tests
-    seconds: float
+
+
+def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
+    """Every third bin of f_low .. f_high (Hz) of n samples, from the fourth on: those whose periodogram is independent.
+
+    Examples
+    --------
+    >>> from stimlib.analysis.spectra import bins
+    >>> bins(1000, 1000.0, 10.0, 20.0)
+    array([10, 13, 16, 19])
+    """
+    return np.arange(max(4, int(np.ceil(f_low * n / fs))), min(n // 2, int(f_high * n / fs)) + 1)[::3]
 
 
 def whitened(x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float):
@@ -57,7 +68,7 @@ def whitened(x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray]
     n = x.size
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
     X = np.fft.rfft(x * taper)
-    k = np.arange(max(4, int(np.ceil(f_low * n / fs))), min(X.size - 1, int(f_high * n / fs)) + 1)[::3]
+    k = bins(n, fs, f_low, f_high)
     # E|X_k|^2 = (fs/2) sum of the PSD over the taper's kernel, which is known at fractions of a bin
     m = np.arange(-REACH, REACH + 1) / OVERSAMPLE
     kernel = (np.sinc(m) / (1 - np.where(np.abs(m) == 1, 0.0, m) ** 2)) ** 2
@@ -68,7 +79,7 @@ def whitened(x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray]
     return k * fs / n, np.abs(z) ** 2, z
 
 
-def test_spectrum(x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float, alarm: float) -> Spectrum | None:
+def test_spectrum(x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float) -> Spectrum | None:
     """Both tests of one stream against a one-sided PSD; None when it is too short for one band of eight bins.
 
     Parameters
@@ -77,30 +88,57 @@ def test_spectrum(x: np.ndarray, fs: float, model: Callable, f_low: float, f_hig
     fs, f_low, f_high : float
         Hz.
     model : callable
-    alarm : float
-        Joint false alarm probability wanted; it enters ``smallest_db``.
     """
-    from scipy import stats
-
     f, W, _ = whitened(x, fs, model, f_low, f_high)
-    if f.size < 8:
-        return None
+    return judged(f, W) if f.size >= FEWEST_BINS else None
+
+
+def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """The bins of each third octave, and weights of unit size, shape (terms, n), that see level, slope, curvature ..
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.analysis.spectra import looks
+    >>> bands, weights = looks(np.arange(10.0, 1000.0))
+    >>> len(bands), weights.shape
+    (17, (4, 990))
+    """
     third = np.floor(3 * np.log2(f / f[0])).astype(int)
-    edges = np.flatnonzero(np.diff(third)) + 1
-    bands = []
-    for part in _at_least(np.split(np.arange(f.size), edges), 8):
-        total, m = W[part].sum(), part.size
-        p = min(1.0, 2 * min(stats.gamma.sf(total, m), stats.gamma.cdf(total, m)))
-        bands.append(Band(f[part[0]], f[part[-1]], m, total / m, p))
+    bands = _at_least(np.split(np.arange(f.size), np.flatnonzero(np.diff(third)) + 1), FEWEST_BINS)
     u = 2 * np.log(f / f[0]) / np.log(f[-1] / f[0]) - 1
     terms = min(4, max(1, f.size // 16))
     weights, _ = np.linalg.qr(np.polynomial.legendre.legvander(u, terms - 1))
-    trend = min(weighted_p(a, W) for a in weights.T)
-    tests = len(bands) + terms
-    p = min(1.0, tests * min([trend, *(b.p for b in bands)]))
-    z = stats.norm.isf(alarm / 2 / tests) + stats.norm.isf(0.1)
-    smallest = 10 * np.log10(1 + z / np.sqrt(f.size))
-    return Spectrum(bands, trend, float(10 * np.log10(W.mean())), float(smallest), float(p), x.size / fs)
+    return bands, weights.T
+
+
+def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
+    """Both tests of a whitened periodogram.
+
+    Parameters
+    ----------
+    f, W : ndarray, shape (n,)
+        As `whitened` gives them, or as drawn: at least eight bins.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.analysis.spectra import judged
+    >>> f, W = np.arange(10.0, 1000.0), np.random.default_rng(1).exponential(size=990)
+    >>> [judged(f, level * W).p < 1e-6 for level in (1.0, 1.3)]
+    [False, True]
+    """
+    from scipy import stats
+
+    parts, weights = looks(f)
+    bands = []
+    for part in parts:
+        total, m = W[part].sum(), part.size
+        p = min(1.0, 2 * min(stats.gamma.sf(total, m), stats.gamma.cdf(total, m)))
+        bands.append(Band(f[part[0]], f[part[-1]], m, total / m, p))
+    trend = min(weighted_p(a, W) for a in weights)
+    p = min(1.0, (len(bands) + len(weights)) * min([trend, *(b.p for b in bands)]))
+    return Spectrum(bands, trend, float(10 * np.log10(W.mean())), float(p))
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
@@ -119,26 +157,54 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     >>> bool(abs(p / (2 * stats.gamma.sf(24, 8)) - 1) < 0.02)
     True
     """
-    from scipy import optimize, stats
+    from scipy import stats
 
     a = a / np.sqrt(a @ a)
     a = a * np.sign(a @ (W - 1))
-    s, top = float(a @ (W - 1)), float(a.max())
-    if s < 2:
-        return float(2 * stats.norm.sf(s))  # no doubt about it
-    if top <= 0 and s >= -a.sum():
+    s = float(a @ (W - 1))
+    return float(min(1.0, 2 * (stats.norm.sf(s) if s < 2 else tail(a, s))))  # below there is no doubt about it
+
+
+def tail(c: np.ndarray, s: float) -> float:
+    """P(sum c (E - 1) > s) where the E are independent Exp(1): the saddlepoint formula of Lugannani and Rice (1980).
+
+    Parameters
+    ----------
+    c : ndarray, shape (n,)
+        Of either sign.
+    s : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import stats
+    >>> from stimlib.analysis.spectra import tail
+    >>> c = np.ones(100)  # their sum is Gamma distributed
+    >>> [bool(abs(tail(c, s) / stats.gamma.sf(100 + s, 100) - 1) < 1e-3) for s in (60.0, 5.0, -16.0)]
+    [True, True, True]
+    """
+    from scipy import optimize, stats
+
+    size = np.sqrt(c @ c)
+    c, s = c / size, s / size
+    if s < 0:
+        return 1 - tail(-c, -s)
+    if s < 1e-3:  # the formula has 0/0 at the mean
+        return float(stats.norm.sf(s))
+    top = float(c.max())
+    if top <= 0 and s >= -c.sum():
         return 0.0  # larger than such a sum can be
 
     def slope(t):
-        return float(np.sum(a * a * t / (1 - a * t))) - s
+        return float(np.sum(c * c * t / (1 - c * t))) - s
 
     low, high = 0.0, 0.5 / top if top > 0 else s
     while slope(high) < 0:
         low, high = high, (high + 1 / top) / 2 if top > 0 else 2 * high
     t = optimize.brentq(slope, low, high)
-    r = np.sqrt(2 * (t * s + float(np.sum(np.log1p(-a * t) + a * t))))
-    u = t * np.sqrt(float(np.sum((a / (1 - a * t)) ** 2)))
-    return float(min(1.0, 2 * (stats.norm.sf(r) + stats.norm.pdf(r) * (1 / u - 1 / r))))
+    r = np.sqrt(2 * (t * s + float(np.sum(np.log1p(-c * t) + c * t))))
+    u = t * np.sqrt(float(np.sum((c / (1 - c * t)) ** 2)))
+    return float(np.clip(stats.norm.sf(r) + stats.norm.pdf(r) * (1 / u - 1 / r), 0.0, 1.0))
 
 
 test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ours, not pytest's

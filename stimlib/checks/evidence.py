@@ -37,6 +37,7 @@ class Check:
     measured: float
     limit: float
     text: str
+    deviation: float = 0.0  # of what is measured, by chance
 
     @property
     def passed(self) -> bool:

@@ -86,27 +86,30 @@ def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.nd
 
 def noise(e: Evidence) -> list[Check]:
     """Spectrum of every tap, and independence of every pair."""
-    checks = []
-    enough = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST]
-    pairs = [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
-    share = e.share
+    checks, share = [], e.share
     for k, t in enumerate(e.taps):
         if t.model is None:
             e.skipped.append(f"spectrum of {t.name} in {t.output}: no law of all its blocks is known")
             continue
-        s = spectra.test_spectrum(t.stream, e.fs, t.model, t.f_low, t.f_high, share) if t in enough else None
+        s = spectra.test_spectrum(t.stream, e.fs, t.model, t.f_low, t.f_high) if t.stream.size > FEWEST else None
         if s is None:
             e.skipped.append(f"spectrum of {t.name} in {t.output}: only {t.stream.size / e.fs:.3g} s enabled, too short to test")
             continue
         e.taps[k] = dc.replace(t, spectrum=s)
-        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
+        text = f"{s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
         checks.append(Check("c", f"{t.output}: spectrum, {len(s.bands)} bands", _surprise(s.p), _surprise(share), text))
-    for a, b in pairs:
+    for a, b in pairs(e):
         assert a.model is not None
         c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, max(a.f_low, b.f_low), min(a.f_high, b.f_high))
         name = f"{a.output} and {b.output}: independence"
         checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
     return checks
+
+
+def pairs(e: Evidence) -> list[tuple[Tap, Tap]]:
+    """The noises whose independence is tested."""
+    enough = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST]
+    return [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
 
 
 def _surprise(p: float) -> float:

@@ -143,7 +143,8 @@ def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.nda
     deviation = float(np.sqrt(e.fs / n * density.sum())) / power
     sigmas = float(stats.norm.isf(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
-    return [Check("d", f"{name}: slope of force over position", abs(slope - k), sigmas * deviation + lost + 1e-12 * abs(k), text)]
+    limit = sigmas * deviation + lost + 1e-12 * abs(k)
+    return [Check("d", f"{name}: slope of force over position", abs(slope - k), limit, text, deviation)]
 
 
 def _viscoelastic(e: Evidence) -> list[Check]:
@@ -311,15 +312,28 @@ def _texture(e: Evidence) -> list[Check]:
     def psd(f):
         return gain**2 * model.psd(f, v.mean(), N.mean())
 
-    s = spectra.test_spectrum(e.y[0, steady], model.rate, psd, 5.0, 0.49 * model.rate, e.share)
+    s = spectra.test_spectrum(e.y[0, steady], model.rate, psd, 5.0, 0.49 * model.rate)
     if s is not None:
-        text = f"{s.level_db:+.3f} dB over {s.seconds:.3g} s; would show {s.smallest_db:.2g} dB"
+        text = f"{s.level_db:+.3f} dB over {N.size / model.rate:.3g} s"
         checks.append(
             Check("c", f"acceleration: spectrum, {len(s.bands)} bands", -np.log10(max(s.p, 1e-300)), -np.log10(e.share), text)
         )
     return checks
 
 
+WORDS = {
+    "squeeze": "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x is the position, v its "
+    "velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2) and section 2.1)",
+    "viscoelastic": "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as the full sum over "
+    "its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))",
+    "bumps": "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of which the part duty is "
+    "ridge, c the positive half waves of a carrier of freq (the touch-screen thesis, eqs. (16) and (17), section 4.2)",
+    "texture": "a(t) = level times the output of the models' recursion (AR and MA, interpolated between the three models around speed "
+    "and force), driven by white noise and brought to the rate by a windowed sinc (Culbertson, Unwin and Kuchenbecker 2014)",
+    "grating": "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean over the movement of a "
+    "sample; n is noise over place with a spectrum of 1/f^slope (after Wiertlewski, Lozada and Hayward 2011)",
+}
+"""Each law for a reader who has the paper beside it."""
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
     "squeeze": _squeeze,
     "viscoelastic": _viscoelastic,

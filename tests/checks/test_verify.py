@@ -1,6 +1,7 @@
 """The verifier on renderings, on files and on recorded hands."""
 
 import dataclasses as dc
+import html
 import re
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_ramps_at_the_start_are_repeated(tmp_path):
     assert all(c.passed for c in checks if c.group in ("a1", "a2", "b", "c"))
 
 
-def test_the_page_is_whole_and_the_same_each_time(tmp_path):
+def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys):
     scene = stimlib.scenes.squeeze()
     rendering = stimlib.render(scene, MOTION, 8000, 1.0)
     for name in ("a.html", "b.html"):
@@ -129,8 +130,16 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path):
         "&lt;a&gt;.wav",
         scene.hash,
         "minimum_jerk(depth=0.02",
+        "<td>force1: spectrum</td><td>level</td>",
+        "F = k x + A level (k tau v)(tau dp/dt)",
+        f"numpy {np.__version__}",
     ):
         assert word in page
+    program, text = (html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL))
+    (tmp_path / "scene.json").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    assert capsys.readouterr().out.strip() == program.split("# ")[-1].strip()  # the hash of the signal, made again
     assert not list(tmp_path.glob("*.part"))
 
 

@@ -1,0 +1,103 @@
+"""The pictures of a verification: signals, what the law made of them, and each spectrum with its band."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
+from .evidence import Evidence, Tap
+
+
+def figures(e: Evidence) -> Iterator[tuple[str, str]]:
+    """Title and SVG of each."""
+    s = Signals(
+        e.scene,
+        e.fs,
+        {n: e.x[e.proc.inputs.index(n)] for n in e.scene.inputs},
+        dict(zip(e.scene.outputs, e.shown, strict=True)),
+    )
+    above, below = heights(s)
+    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
+    yield (
+        "Each output close by: vibration, over position, spectrum",
+        _svg(lambda fig: close_by(fig, s, spectra_of(e)), (12, below)),
+    )
+    if e.fingers:
+        yield "Vibration, rate and gate (the UGrip paper, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
+    if e.curves:
+        yield "What the law is made of", _svg(lambda fig: _curves(fig, s, e), (12, 6))
+
+
+def _svg(draw, size) -> str:
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):
+        fig = Figure(figsize=size, layout="constrained")
+        draw(fig)
+        out = io.StringIO()
+        fig.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _fingers(fig, e):
+    """A column for each finger, on the same scales."""
+    axes = fig.subplots(3, len(e.fingers), squeeze=False, sharex=True, sharey="row")
+    t = np.arange(e.x.shape[1]) / e.fs
+    for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
+        curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color="C1")
+        curve(middle, t, finger.v)
+        curve(bottom, t, finger.gate.astype(float), color="C2")
+        top.set_title(name)
+        bottom.set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
+    for ax, label in zip(axes[:, 0], ("force - k x / N", "rate / (m/s)", "gate"), strict=True):
+        ax.set_ylabel(label)
+    for ax in axes.flat:
+        ax.grid(alpha=0.3)
+
+
+def _curves(fig, s, e):
+    """The motion, what was delivered, and what the law made of it, where it is best seen."""
+    rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
+    start = e.closeup.start or 0
+    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)
+
+
+def spectra_of(e: Evidence) -> dict[str, Against]:
+    """By output, as ``Report.spectra`` gives them."""
+    from scipy.signal import welch
+
+    found = {}
+    for tap in e.taps:
+        if tap.spectrum and tap.model:
+            found[tap.output] = _of_noise(tap)
+    for name, law in e.wanted.items():
+        want, apart = law()
+        y = e.y[list(e.scene.outputs).index(name)]
+        size = min(8192, y.size)
+        f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
+        # a difference of so much at every sample, all of it at one frequency, under the same Hann window
+        most = np.sqrt(2 * apart**2 * size / 1.5 / e.fs)
+        low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
+        unit = str(e.scene.outputs[name].dim)
+        found[name] = Against(f"spectrum of {name}, and of its law", unit, *(a[1:] for a in (f, measured, model, low, high)))
+    return found
+
+
+def _of_noise(tap: Tap) -> Against:
+    """Third octaves of a gated noise."""
+    from scipy import stats
+
+    s: Any = tap.spectrum
+    model: Any = tap.model
+    centre = np.array([np.sqrt(b.f_low * b.f_high) for b in s.bands])
+    bins, level = np.array([b.bins for b in s.bands]), model(centre)
+    p = 1e-6 / (len(s.bands) + 1) / 2
+    low, high = stats.gamma.ppf(p, bins) / bins, stats.gamma.isf(p, bins) / bins
+    title = f"noise in {tap.output} before gate and rate"
+    return Against(title, "1/s", centre, level * np.array([b.ratio for b in s.bands]), level, level * low, level * high)

@@ -1,0 +1,163 @@
+"""The page of a verification, for a reader who was not there: one file, without code, that nothing else is needed for."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+
+import numpy as np
+
+from ..errors import shown
+from ..files.sidecar import describe
+from .evidence import ALARM, Check, Evidence
+from .figures import figures
+from .power import Shows
+from .scenes import WORDS
+
+GROUPS = {
+    "a1": "compiled impulse responses",
+    "a2": "physical laws of the blocks",
+    "b": "the same samples again",
+    "c": "noise",
+    "d": "force law",
+    "e": "limits and gates",
+}
+STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}
+table{border-collapse:collapse;width:100%;font-size:13px}td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left}
+td.n{text-align:right;font-variant-numeric:tabular-nums}.ok{color:#176b2c}.bad{color:#fff;background:#b3261e}
+h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}code,pre{background:#f3f3f3;padding:.1rem .3rem}
+pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666;font-size:13px}"""
+
+
+def page(what: str, checks: list[Check], e: Evidence, certain: list[Shows], command: str | None) -> str:
+    """The whole text; what comes from others is escaped."""
+    good = sum(c.passed for c in checks)
+    verdict = '<span class="ok">passed</span>' if good == len(checks) else '<span class="bad">FAILED</span>'
+    drawn = "".join(f"<h2>{_q(title)}</h2>{svg}" for title, svg in figures(e))
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(what)}</title><style>{STYLE}</style>'
+        f"<h1>{_q(e.source)} {verdict}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>"
+        f"<h2>What was displayed</h2>{facts(_displayed(e))}"
+        f"<h2>Against which model</h2>{_model(checks, e)}"
+        f"<h2>With which certainty</h2>{_certainty(certain)}"
+        f"<h2>What was compared</h2>{table_of(checks)}"
+        f"<h2>Not checked</h2>{items(e.skipped)}{drawn}"
+        f"<h2>How to reproduce it</h2>{_reproduced(e, command)}</html>\n"
+    )
+
+
+def _q(text: object) -> str:
+    return html.escape(shown(text))
+
+
+def facts(rows: Mapping[str, str]) -> str:
+    """A table of names and texts."""
+    return f"<table>{''.join(f'<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>' for k, v in rows.items())}</table>"
+
+
+def items(texts: Iterable[str]) -> str:
+    """A list; of no text it says so."""
+    return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
+
+
+def table_of(checks: list[Check]) -> str:
+    """Every check, group by group."""
+    rows = []
+    for group, title in GROUPS.items():
+        here = [c for c in checks if c.group == group]
+        if here:
+            rows.append(f'<tr><th colspan="5">({group}) {_q(title)}</th></tr>')
+        for c in here:
+            mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
+            numbers = f'<td class="n">{c.measured:.3g}</td><td class="n">{c.limit:.3g}</td>'
+            rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
+    head = "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _displayed(e: Evidence) -> dict[str, str]:
+    """What came out, and what went in."""
+    rows = {
+        "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
+        "length": f"{e.x.shape[1]} samples at {e.fs:g} Hz, {e.x.shape[1] / e.fs:g} s",
+        "parameters": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
+        "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()) or "none",
+        "seed": str(e.seed),
+    }
+    if later := [c for c in e.changes if c.at or c.ramp * e.fs > 1]:
+        told = [f"{c.name} to {c.value:g} at {c.at / e.fs:g} s within {c.ramp:g} s" for c in later[:20]]
+        rows["changes of parameters"] = "; ".join(told) + (f"; and {len(later) - 20} more" if len(later) > 20 else "")
+    if e.sidecar:
+        scales = ", ".join(f"{c['name']} {c['full_scale']:g} {c['unit']}" for c in e.sidecar["channels"])
+        rows["stored as"] = f"{e.sidecar['format']} {e.sidecar['subtype']}, full scale: {scales}"
+    return rows
+
+
+def _spec(m: object) -> str:
+    return describe(m) if callable(m) else f"array of {len(m)} samples"  # type: ignore[arg-type]
+
+
+def _model(checks: list[Check], e: Evidence) -> str:
+    """The law of the scene in words, its numbers, and the law of each block."""
+    said = WORDS.get(e.scene.law or "", "No law of the whole scene is known; its blocks have these.")
+    blocks = dict.fromkeys(f"{c.name.split(':')[0]}: {c.text}" for c in checks if c.group == "a2")
+    return f"<p>{_q(said)}</p>{items([*e.numbers, *blocks])}"
+
+
+def _certainty(found: list[Shows]) -> str:
+    rows = []
+    for s in found:
+        size = f"{s.size:.3g} {s.unit}" if s.size == s.size else "none, however large"
+        rows.append(f'<tr><td>{_q(s.check)}</td><td>{_q(s.kind)}</td><td class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>')
+    head = "<tr><th>check</th><th>what is wrong</th><th>smallest that is seen</th><th>how surely</th></tr>"
+    return (
+        f"<p>All checks but those of chance are exact: what passes their limit is seen, always. Spectra, independence and slopes "
+        f"are of chance. Together they refuse one correct rendering in {1 / ALARM:.0f}, and an error of the size below they see "
+        f"in this recording with 95 % or more. The law of the scene was asked again with each of its parameters smaller: by the "
+        f"part that stands here, and it refuses these samples.</p><table>{head}{''.join(rows)}</table>"
+        f'<p class="small">Checks of chance are given as -log10 p.</p>'
+    )
+
+
+# Reproduction ------------------------------------------------------------------------------------------------------------
+def _reproduced(e: Evidence, command: str | None) -> str:
+    """Commands, hashes, versions, and the scene as a file."""
+    again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
+    signal = _sha256(e.y.T)
+    rows = {
+        "scene hash": e.scene.hash,
+        "motion, as sampled": f"{_sha256(e.x.T)} (float64, a row for each sample)",
+        "signal": f"{signal} (float64, a row for each sample, before it is stored)",
+        **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
+        "versions": ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "matplotlib")),
+        "computer": f"Python {platform.python_version()}, {platform.system()}, {platform.machine()}",
+    }
+    text = json.dumps(e.scene.to_dict(), separators=(",", ":"))
+    return (
+        f"{again}{_program(e, signal)}<p>Hashes are SHA-256.</p>{facts(rows)}"
+        f"<details><summary>scene.json, for <code>stimlib.load</code></summary><pre>{_q(text)}</pre></details>"
+    )
+
+
+def _program(e: Evidence, signal: str) -> str:
+    """Python that makes the same samples, where neither arrays nor later changes are needed for it."""
+    if any(c.at or c.ramp * e.fs > 1 for c in e.changes) or not all(callable(m) for m in e.motion.values()):
+        return "<p>The samples need the motion and the changes of parameters as they were: they are in the file or the log.</p>"
+    motion = ", ".join(f"{n!r}: parse_source({describe(m)!r})" for n, m in e.motion.items())
+    lines = (
+        "import hashlib, stimlib",
+        "from stimlib.motion.recorded import parse_source",
+        'scene = stimlib.load("scene.json")  # the text at the end of this page',
+        f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r}, {e.params!r}, {e.seed})",
+        'print(hashlib.sha256(made.y.T.astype("<f8").tobytes()).hexdigest())',
+        f"# {signal}",
+    )
+    return f"<p>Make the samples again:</p><pre>{chr(10).join(map(_q, lines))}</pre>"
+
+
+def _sha256(rows: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(rows, "<f8").data).hexdigest()

@@ -1,0 +1,214 @@
+"""How small an error would a verification have seen?  The power of its checks, for the recording that it was given.
+
+A check of chance sees an error with a probability, here 95 %.  All others see what passes their limit, always.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..analysis import spectra
+from .evidence import Check, Evidence
+from .noise import pairs
+from .scenes import SCENES, scene_law
+
+CHANCE = 0.95
+
+
+class Shows(NamedTuple):
+    """The smallest error of one kind that a check sees with this probability; a size of nan: none, however large."""
+
+    check: str
+    kind: str
+    size: float
+    unit: str
+    chance: float
+
+
+def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
+    """What the checks of chance, and the law of the scene, would have seen in this recording.
+
+    Parameters
+    ----------
+    checks : list of Check
+        Of the verification.
+    e : Evidence
+        What they looked at.
+
+    Returns
+    -------
+    list of Shows
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.checks.power import certainty
+    >>> from stimlib.motion.generators import minimum_jerk
+    >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
+    >>> report = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=2.0))
+    >>> for s in certainty(report.checks, report.evidence)[:2]:
+    ...     print(f"{s.check}: {s.kind} {s.size:.2g} {s.unit}, {s.chance:.0%}")
+    force1: spectrum: level 2.2 dB, 95%
+    force1: spectrum: slope 1 dB/oct, 95%
+    """
+    found = []
+    for t in e.taps:
+        if t.spectrum is not None:
+            f = spectra.bins(t.stream.size, e.fs, t.f_low, t.f_high) * e.fs / t.stream.size
+            found += [Shows(f"{t.output}: spectrum", *row, CHANCE) for row in of_spectrum(f, e.share)]
+    for a, b in pairs(e):
+        n, low, high = min(a.stream.size, b.stream.size), max(a.f_low, b.f_low), min(a.f_high, b.f_high)
+        size = smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)
+        found.append(Shows(f"{a.output} and {b.output}: independence", "noise in common", size, "correlation", CHANCE))
+    for c in checks:
+        if c.deviation:
+            found.append(Shows(c.name, "stiffness", smallest_shift(c), "N/m", CHANCE))
+    if all(c.passed for c in checks if c.group == "d") and np.isfinite(e.x).all():
+        found += of_parameters(e)
+    return found
+
+
+# Checks of chance --------------------------------------------------------------------------------------------------------
+KINDS: dict[str, tuple[str, Callable[[np.ndarray, float], np.ndarray]]] = {
+    "level": ("dB", lambda f, e: np.full(f.shape, 10 ** (e / 10))),
+    "slope": ("dB/oct", lambda f, e: 10 ** (e * np.log2(f / np.sqrt(f[0] * f[-1])) / 10)),
+    "low-pass pole": ("s", lambda f, e: 1 / (1 + (2 * np.pi * f * e) ** 2)),
+    "high-pass pole": ("Hz", lambda f, e: 1 / (1 + (e / f) ** 2)),
+}
+"""Unit of an error of the spectrum, and the factor that it is on the power at f (Hz)."""
+
+
+def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
+    """Kind, size and unit of the smallest errors of a spectrum that its test surely sees: with 95 % or more.
+
+    Of all that ``spectra.judged`` looks at, the one is asked that sees an error best; what the others see comes on top.
+
+    Parameters
+    ----------
+    f : ndarray, shape (n,)
+        Frequencies of the bins in Hz.
+    alarm : float
+        False alarm probability of the test.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.power import of_spectrum
+    >>> [(kind, round(size, 2)) for kind, size, _ in of_spectrum(np.arange(10.0, 1000.0), 1e-6)][:2]
+    [('level', 0.96), ('slope', 0.48)]
+    """
+    from scipy import stats
+
+    bands, weights = spectra.looks(f)
+    p = alarm / 2 / (len(bands) + len(weights))
+    tests = [(slice(None), a, critical(a, p)) for w in weights for a in (w, -w)]
+    for part in bands:  # their sums are Gamma distributed
+        m, one = part.size, np.ones(part.size)
+        tests += [(part, one, stats.gamma.isf(p, m) - m), (part, -one, m - stats.gamma.ppf(p, m))]  # type: ignore[list-item]
+
+    def power(ratio: np.ndarray) -> float:
+        seen = [(a * ratio[part], s - a @ (ratio[part] - 1)) for part, a, s in tests]
+        best = max(seen, key=lambda row: -row[1] / np.linalg.norm(row[0]))
+        return spectra.tail(*best)
+
+    return [(kind, smallest(lambda e, r=r: power(r(f, e))), unit) for kind, (unit, r) in KINDS.items()]  # type: ignore[misc]
+
+
+def critical(a: np.ndarray, p: float) -> float:
+    """The sum of a (E - 1) that is passed with probability p."""
+    from scipy import optimize
+
+    high = 4.0
+    while spectra.tail(a, high) > p:
+        high *= 2
+    return float(optimize.brentq(lambda s: math.log(max(spectra.tail(a, s), 1e-300) / p), 1.0, high, xtol=1e-6))
+
+
+def smallest(power: Callable[[float], float]) -> float:
+    """Where a power that grows with the size of an error reaches 95 %; nan if it does nowhere below a million."""
+    from scipy import optimize
+
+    low = 1e-3
+    while power(low) > CHANCE:
+        low /= 2
+    while power(2 * low) < CHANCE:
+        low *= 2
+        if low > 1e6:
+            return math.nan
+    return float(optimize.brentq(lambda e: power(e) - CHANCE, low, 2 * low, rtol=1e-4))
+
+
+def smallest_share(bins: int, alarm: float) -> float:
+    """Correlation of two noises that the test of their independence sees; nan where not even equal ones are.
+
+    The other being b, with G = sum |b|^2 Gamma distributed, the statistic is normal around rho sqrt(2 G).
+
+    Examples
+    --------
+    >>> from stimlib.checks.power import smallest_share
+    >>> round(smallest_share(1000, 1e-6), 3), smallest_share(8, 1e-6)
+    (0.146, nan)
+    """
+    from scipy import optimize, stats
+
+    z, size = stats.norm.isf(alarm / 2), np.sqrt(2 * stats.gamma.isf((np.arange(400) + 0.5) / 400, bins))
+
+    def lacks(rho: float) -> float:
+        return float(np.mean(stats.norm.sf((z - rho * size) / math.sqrt(1 - rho * rho)))) - CHANCE
+
+    top = 1 - 1e-9
+    return float(optimize.brentq(lacks, 0.0, top)) if lacks(top) > 0 else math.nan
+
+
+def smallest_shift(c: Check) -> float:
+    """What a normal measurement must be off by to pass its limit."""
+    from scipy import stats
+
+    return float(c.limit + stats.norm.isf(1 - CHANCE) * c.deviation)
+
+
+# The law of a scene ------------------------------------------------------------------------------------------------------
+def of_parameters(e: Evidence) -> list[Shows]:
+    """For each parameter the smallest change for which the law of the scene, told the other value, refuses these samples.
+
+    It is looked for by asking the law again, so it holds for this recording.  A parameter that is 0 has none.
+    """
+    if e.scene.law not in SCENES:
+        return []
+    names = [name for name, value in e.params.items() if value]
+    return [Shows("law of the scene", name, _departure(e, name), "of it", 1.0) for name in names]
+
+
+def _departure(e: Evidence, name: str) -> float:
+    """The measure of a law grows with the change, so a ratio leads to the limit; what is given back was refused."""
+    change, best = 1e-3, math.nan
+    for _ in range(8):
+        over = _refused(e, name, change)
+        if over > 1:
+            best = float(np.fmin(change, best))
+            if over < 1.05:
+                break
+        change *= 1.02 / max(over, 1e-3)
+        if change >= 1:
+            break
+    return best
+
+
+def _refused(e: Evidence, name: str, change: float) -> float:
+    """How many times its limit the law of the scene measures, if a parameter was smaller by this part."""
+    factor = 1 - change
+    changes = [c._replace(value=c.value * factor) if c.name == name else c for c in e.changes]
+    told = dc.replace(
+        e,
+        params=e.params | {name: e.params[name] * factor},
+        changes=changes,
+        **{field: type(getattr(e, field))() for field in ("fingers", "curves", "wanted", "numbers", "skipped")},
+    )
+    with np.errstate(all="ignore"):
+        checks = scene_law(told)
+    return max((c.measured / c.limit for c in checks if c.limit and not c.deviation), default=0.0)
