@@ -328,8 +328,8 @@ WORDS = {
     "its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))",
     "bumps": "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of which the part duty is "
     "ridge, c the positive half waves of a carrier of freq (the touch-screen thesis, eqs. (16) and (17), section 4.2)",
-    "texture": "a(t) = level times the output of the models' recursion (AR and MA, interpolated between the three models around speed "
-    "and force), driven by white noise and brought to the rate by a windowed sinc (Culbertson, Unwin and Kuchenbecker 2014)",
+    "texture": "a(t) = level times what the models' recursion (AR and MA, of the three models around speed and force) makes of "
+    "white noise, brought to the rate by a windowed sinc (Culbertson, Unwin and Kuchenbecker 2014)",
     "grating": "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean over the movement of a "
     "sample; n is noise over place with a spectrum of 1/f^slope (after Wiertlewski, Lozada and Hayward 2011)",
 }
