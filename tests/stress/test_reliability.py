@@ -258,7 +258,7 @@ def test_whatever_the_hand_does(name, hand):
 # Long runs -------------------------------------------------------------------------------------------------------------------
 FS, PERIOD, FREQUENCY = 48000.0, 1 / 158.3, 157.9
 CLOCKS = stimlib.Scene(
-    {"noise": b.white_noise(7, 3), "carrier": b.carrier(FREQUENCY), "time": b.time(), "every": b.every(PERIOD)}
+    {"noise": b.white_noise(7, 3), "carrier": b.carrier(FREQUENCY), "time": b.elapsed(), "every": b.every(PERIOD)}
 )
 
 
