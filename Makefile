@@ -4,7 +4,7 @@ LOWEST ?= python3.11
 BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-lowest stress soak lint docs bench lock clean
+.PHONY: demo test test-lowest stress soak randomness lint docs bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -44,12 +44,17 @@ test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
 	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
 
-# All tests at length; devices on servers without hardware at all rates, blocks and channels, a minute in real time.
+# All tests at length, and those of tests/stress; on devices, all rates, blocks and channels, in real time and so alone.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q tests/devices
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup --ignore=tests/devices tests
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
+
+# Statistics of the noise, by dieharder too where it is installed; an hour.
+randomness: .venv/ready
+	$(ENV) $(BIN)/python tests/stress/randomness.py
 
 # Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.
 soak: .venv/ready

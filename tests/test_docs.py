@@ -156,12 +156,34 @@ def test_guide_prints_what_the_examples_print():
             assert f"   {line}\n" in text_of()
 
 
+def table(name):
+    return list(csv.reader((DOCS / "explanation" / name).read_text().splitlines()))
+
+
+def exists(test):
+    path, _, name = test.partition("::")
+    return re.search(rf"^ *def {name}\(", (ROOT / path).read_text(), re.M)
+
+
 def test_every_test_in_the_table_of_findings_exists():
-    rows = list(csv.reader((DOCS / "explanation" / "findings.csv").read_text().splitlines()))
+    rows = table("findings.csv")
     for finding, _, what, test in rows:
         assert what and (test or finding == "I10"), finding
-        path, _, name = test.partition("::")
-        assert not test or re.search(rf"^ *def {name}\(", (ROOT / path).read_text(), re.M), test
+        assert not test or exists(test), test
     assert {r[0] for r in rows} >= {
         f"{c}{n}" for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10)) for n in range(1, last + 1)
     }
+
+
+def test_the_tables_of_reliability_are_those_of_its_tests():
+    from stress.randomness import FAILED, STREAMS
+    from stress.test_reliability import MUST
+
+    *seen, (_, versions, _) = table("reliability.csv")
+    assert [row[:2] for row in seen] == [list(row) for row in MUST.items()] and all(row[2] for row in seen)
+    assert "stimlib" in versions
+    for case, must, test in table("reliability_elsewhere.csv"):
+        assert case and must and exists(test), test
+    *found, last = table("randomness.csv")
+    assert {*STREAMS} <= {row[0] for row in found} and "dieharder" in last[0]
+    assert all(FAILED <= float(p) <= 1 and said != "FAILED" for _, _, _, p, said in found)

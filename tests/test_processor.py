@@ -119,6 +119,15 @@ def test_out_may_be_rows_of_the_same_table(target, rows):
     assert_same(proc.process(u, memory[2 + rows : 4 + rows]), wanted)
 
 
+@both
+def test_no_rows_may_lie_anywhere(target):
+    """A stretch of no rows has an address, of which nothing is read: it may be within out."""
+    proc = stimlib.compile(Scene({"n": blocks.white_noise(1)}), 1000, target)
+    memory = np.zeros(100)
+    u = np.ndarray((0, 100), buffer=memory, offset=400)
+    assert proc.process(u, memory.reshape(1, 100)).all()
+
+
 def test_the_address_gives_the_same_bits():
     proc = make({"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)}, target="numba")
     u = np.random.default_rng(2).standard_normal((1, 300))

@@ -422,7 +422,7 @@ def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) ->
     waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like, shape (m,)
         A table has m >= 2 values in 0 .. 1.
     duty : float or Block
-        Part of the period that is ridge, above 0, at most 1.  A parameter or signal is held in 1e-6 .. 1.
+        Part of the period that is ridge, above 0, at most 1.  Any is held to 1e-6 or more, a parameter or signal to 1 or less.
     sampling : {"area", "point"}
         "point" takes e(u[n]), with its aliases, for comparison.
     contact : Block

@@ -83,7 +83,7 @@ class Engine:
         if any(a.dtype != np.float64 or not a.flags.c_contiguous for a in (x, out)) or not out.flags.writeable:
             return 1
         apart = out.ctypes.data - x.ctypes.data
-        if -out.nbytes < apart < x.nbytes and apart % (8 * x.shape[1]):
+        if x.size and -out.nbytes < apart < x.nbytes and apart % (8 * x.shape[1]):
             return 1  # as in runtime.process
         with np.errstate(all="ignore"):
             for n in range(x.shape[1]):

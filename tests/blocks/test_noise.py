@@ -1,5 +1,6 @@
 """White noise: level, independence of rate and scene.  Its arithmetic is in test_maths.py."""
 
+import mpmath
 import numpy as np
 import pytest
 from laws import assert_same
@@ -8,6 +9,7 @@ from scipy.signal import welch
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import enabled, white_noise
+from stimlib.checks import laws
 
 NOTHING = np.empty((0, 500))
 
@@ -43,3 +45,18 @@ def test_a_gate_makes_the_same_noise_as_none():
     y = stimlib.compile(scene, 1000).process(x[None])[0]
     free = stimlib.compile(Scene({"n": white_noise(3)}), 1000).process(NOTHING)[0]
     assert_same(y[x > 0][:400], free[:400])
+
+
+def test_samples_give_back_their_bits():
+    """Backwards: exp(-(x^2 + y^2)/2) is the first word of a pair, the angle of (x, y) the second."""
+    n, low = 200, 2**32 - 1
+    w = laws.philox((7, 0, 1, 0), (42, 0))
+    y = stimlib.compile(Scene({"n": white_noise(7, 1)}), 8000, seed=42).process(np.empty((0, n)))[0]
+    with mpmath.workdps(40):
+        for m, (x0, x1) in enumerate(zip(map(mpmath.mpf, y[::2].tolist()), map(mpmath.mpf, y[1::2].tolist()), strict=True)):
+            a, b, c, d = laws.philox((m & low, m >> 32, 0, 0), (w[0], w[1]))
+            half = (x0 * x0 + x1 * x1) / 2
+            assert abs(mpmath.exp(-half) - (mpmath.mpf(a | b << 32) + 0.5) / 2**64) <= 1e-15 * mpmath.exp(-half) * (1 + half)
+            turn = mpmath.mpf((d >> 30) - 0.5) / 4 + mpmath.mpf(((c | d << 32) >> 11) % 2**51) / 2**53
+            apart = mpmath.atan2(x1, x0) / (2 * mpmath.pi) - turn
+            assert abs(apart - mpmath.nint(apart)) <= 1e-16

@@ -184,7 +184,7 @@ def process(place, x, y):
     if x.shape[0] != ctx[6] or y.shape[0] != ctx[7] or x.shape[1] != y.shape[1]:
         return 1
     apart = address(data(y)) - address(data(x))
-    if -8 * y.size < apart < 8 * x.size and apart % (8 * x.shape[1]) != 0:
-        return 1  # a sample would be written before it is read; whole rows are read first
+    if x.size > 0 and -8 * y.size < apart < 8 * x.size and apart % (8 * x.shape[1]) != 0:
+        return 1  # a sample would be written before it is read; whole rows are read first, and no rows may lie anywhere
     run(ctx[16], ctx, data(x), data(y), y.shape[1])
     return 0

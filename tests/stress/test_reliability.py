@@ -1,0 +1,342 @@
+"""The whole table of blocks, and the scenes, under what ``cases`` holds: ``make stress``; docs/explanation/reliability.rst.
+
+With STIMLIB_RECORD=FILE, what was seen is written there as a table: in the docs it is reliability.csv.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+from collections import Counter, defaultdict
+from datetime import UTC, datetime
+from fractions import Fraction
+from math import gamma
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from contract import TABLE
+from laws import Set, assert_same, cut_at, float_words, impulse_response, random_cuts, rows, run
+from stress import cases
+
+import stimlib
+from stimlib import blocks as b
+from stimlib.checks import laws
+from stimlib.errors import StimlibError
+
+pytestmark = pytest.mark.stress
+DRIVEN = [pytest.param(e, id=e.name) for e in TABLE if e.inputs]
+ALL = [pytest.param(e, id=e.name) for e in TABLE]
+U = np.uint64
+LINEAR = [pytest.param(e, id=e.name) for e in TABLE if e.lti]
+
+
+# What was seen -------------------------------------------------------------------------------------------------------------
+MUST = {
+    "inputs": "The compiler gives the samples, states and faults of the interpreter, and every sample is finite. No guard of a "
+    "linear block closes where the input is finite.",
+    "linear": "Every block that is linear gives its impulse response convolved with the input, to 1e-12.",
+    "rates": "From 1 to 192 kHz: finite, and the same samples in blocks of one and at once; or refused when it is compiled.",
+    "laws": "From 1 to 192 kHz: the response is the physical law within the tolerance of the block.",
+    "blocks": "The same samples and state for blocks of 1 to 8193 samples, primes and random ones among them.",
+    "states": "The state before each of 140 samples goes on in another processor with the same bits.",
+    "parameters": "A parameter that changes at every sample, at once or by a ramp: as the interpreter in every bit.",
+    "ends": "alpha and duty at their ends, and at the next floats to them: finite, and as near to the value at the end as the "
+    "operator is continuous.",
+    "hands": "Each scene is proved (``verify``) whatever the hand does.",
+    "run": "1e8 samples really run: counters, phases, noise, sums and springpot are what formulas say.",
+    "jump": "A state moved on by 1e8, 1e9 and 1e12 samples: noise, phases and times are what formulas say.",
+}
+SEEN: dict[str, Counter] = defaultdict(Counter)
+WORST: dict[str, tuple[float, str]] = {}
+
+
+def saw(case: str, what: str = "", worst: float = 0.0, **counts: int) -> None:
+    """One run of a case, what happened in it, and the largest error so far."""
+    SEEN[case].update(runs=1, **counts)
+    if worst > WORST.get(case, (0.0, ""))[0]:
+        WORST[case] = worst, what
+
+
+@pytest.fixture(scope="module", autouse=True)
+def record():
+    yield
+    if not (path := os.environ.get("STIMLIB_RECORD")):
+        return
+    on = (
+        f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, stimlib {stimlib.__version__}, Python {platform.python_version()}, "
+    )
+    with Path(path).open("w", newline="") as f:
+        out = csv.writer(f, lineterminator="\n")
+        for case, must in MUST.items():
+            if case in SEEN:
+                did = [f"{n} {what}" for what, n in SEEN[case].items()]
+                did += [f"largest error {WORST[case][0]:.1e} ({WORST[case][1]})"] if case in WORST else []
+                out.writerow((case, must, ", ".join(did)))
+        out.writerow(("", on + f"numpy {np.__version__}, numba {numba.__version__}", ""))
+
+
+# Every block -----------------------------------------------------------------------------------------------------------------
+def kept(proc) -> np.ndarray:
+    """A state whose numbers that are none all look alike."""
+    state, floats = proc.state, float_words(proc)
+    state[floats & np.isnan(state.view(np.float64))] = 0
+    return state
+
+
+def assert_as_the_interpreter(scene, fs, x, names, cuts, sets=()):
+    """Samples, states and faults; the compiled processor."""
+    fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
+    x = rows(fast, x, names)
+    y = run(fast, x, cuts, sets)
+    assert_same(y, run(slow, x, (), sets), "numba and python")
+    assert_same(kept(fast), kept(slow), "state")
+    assert fast.fault == slow.fault
+    assert np.isfinite(y).all()
+    return fast, y
+
+
+@pytest.mark.parametrize("entry", DRIVEN)
+def test_any_input(entry):
+    n, fs = 200, entry.rates[0]
+    usual = entry.x(n, fs)
+    for kind, make in cases.INPUTS.items():
+        for k in range(len(usual)):
+            x = usual.copy()
+            x[k] = make(np.random.default_rng(k), n, fs)
+            proc, _ = assert_as_the_interpreter(entry.scene(), fs, x, entry.inputs, [1, 70, 133])
+            saw("inputs", faults=proc.fault is not None)
+            if entry.lti:
+                assert proc.fault is None or kind not in cases.FINITE
+
+
+@pytest.mark.parametrize("entry", LINEAR)
+def test_linear_is_a_convolution(entry):
+    n, fs = 2000, entry.rates[0]
+    proc = stimlib.compile(stimlib.Scene({"y": entry.block()}), fs)
+    for k, name in enumerate(entry.inputs):
+        proc.reset()
+        h = impulse_response(proc, "y", name, n)
+        for kind, make in cases.FINITE.items():
+            x = np.zeros((len(entry.inputs), n))
+            x[k, 1:] = make(np.random.default_rng(k), n - 1, fs)  # at rest before
+            proc.reset()
+            y = proc.process(rows(proc, x, entry.inputs))[0]
+            scale = np.abs(h).sum() * np.abs(x).max() or 1.0
+            error = np.abs(y - np.convolve(h, x[k])[:n]).max() / max(scale, 1e-180)
+            saw("linear", f"{entry.name}, {kind}", error)
+            assert error <= 1e-12, kind
+
+
+@pytest.mark.parametrize("entry", ALL)
+def test_every_rate(entry):
+    n = 150
+    for fs in cases.RATES:
+        try:
+            proc = stimlib.compile(entry.scene(), fs)
+        except StimlibError as e:
+            assert fs not in entry.rates and str(e).strip()
+            saw("rates", refused=1)
+            continue
+        x = rows(proc, entry.x(n, fs), entry.inputs)
+        whole = run(proc, x)
+        proc.reset()
+        assert_same(run(proc, x, cut_at(n, 1)), whole, f"at {fs:g} Hz")
+        assert np.isfinite(whole).all() and proc.fault is None
+        saw("rates")
+
+
+ONE_RATE = {"delay_seconds", "moving_average", "grain"}  # whose laws are written in samples
+
+
+@pytest.mark.parametrize("entry", [p for p in ALL if p.values[0].laws and p.values[0].name not in ONE_RATE])
+def test_the_law_at_every_rate(entry):
+    for fs in cases.RATES:
+        try:
+            proc = stimlib.compile(stimlib.Scene({"y": entry.block()}), fs)
+        except StimlibError:
+            continue
+        source = [*proc.inputs, *proc.program.noises][0]
+        for law in entry.laws:
+            used = law.error(lambda f, proc=proc, source=source: proc.response("y", source, f), fs) / law.tol
+            saw("laws", f"{entry.name} at {fs:g} Hz, as a part of its tolerance", used)
+            assert used <= 1
+
+
+@pytest.mark.parametrize("entry", ALL)
+def test_every_size_of_block(entry):
+    n, fs = 2 * 8193 + 1, entry.rates[0]
+    proc = stimlib.compile(entry.scene(), fs)
+    x = rows(proc, entry.x(n, fs), entry.inputs)
+    whole, end = run(proc, x), proc.state
+    rng = np.random.default_rng(0)
+    for cuts in [cut_at(n, size) for size in cases.SIZES] + [random_cuts(n, rng), random_cuts(n, rng, 500)]:
+        proc.reset()
+        assert_same(run(proc, x, cuts), whole, f"cuts at {cuts[1:3]}..")
+        assert_same(proc.state, end, "state")
+        saw("blocks")
+
+
+@pytest.mark.parametrize("entry", ALL)
+def test_a_state_at_every_sample(entry):
+    n, fs = 140, entry.rates[0]
+    one, other = stimlib.compile(entry.scene(), fs), stimlib.compile(entry.scene(), fs, seed=9)
+    x = rows(one, entry.x(n, fs), entry.inputs)
+    states = [one.state]
+    y = run(one, x, cut_at(n, 1), each=lambda proc: states.append(proc.state))
+    for at, state in enumerate(states[:-1]):
+        other.state = state
+        assert_same(other.process(np.ascontiguousarray(x[:, at:])), y[:, at:], f"from sample {at}")
+        assert_same(other.state, states[-1], f"the end, from sample {at}")
+        saw("states")
+
+
+@pytest.mark.parametrize("entry", ALL)
+def test_a_parameter_at_every_sample(entry):
+    n, fs = 140, entry.rates[0]
+    rng = np.random.default_rng(0)
+    for ramp in (0.0, 0.0013, 0.05):
+        params = stimlib.compile(entry.scene(), fs, "python").params
+        sets = [Set(at, name, value * rng.uniform(0.2, 1.0), ramp) for at in range(n) for name, value in params.items()]
+        assert_as_the_interpreter(entry.scene(), fs, entry.x(n, fs), entry.inputs, (), sets)
+        saw("parameters", changes=len(sets))
+
+
+# Ends ------------------------------------------------------------------------------------------------------------------------
+X, LIVE = stimlib.Input("x"), stimlib.Input("live")
+ENDS = {
+    "springpot gl": lambda v: b.springpot(X, 1.0, v, "gl"),
+    "springpot l1": lambda v: b.springpot(X, 1.0, v, "l1"),
+    "bump square": lambda v: b.bump(X, "square", v),
+    "bump sawtooth": lambda v: b.bump(X, "sawtooth", v),
+    "bump sine": lambda v: b.bump(X, "sine", v),
+    "bump half_sine": lambda v: b.bump(X, "half_sine", v),
+    "bump table": lambda v: b.bump(X, [0.0, 0.2, 1.0, 0.3], v),
+}
+
+
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("name", ENDS)
+def test_next_to_the_ends(name, live):
+    """A derivative along the number is at most some hundreds here; a duty is held to 1e-6 or more."""
+    n, fs = 300, 1000.0
+    x = np.cumsum(0.02 + 0.1 * np.random.default_rng(0).random(n))
+
+    def at(v):
+        scene = stimlib.Scene({"y": ENDS[name](LIVE if live else v)})
+        return assert_as_the_interpreter(scene, fs, np.array([x, np.full(n, v)]), ["x", "live"], [70])[1][0]
+
+    ends = {0.0: at(0.0 if "springpot" in name else 1e-6), 1.0: at(1.0)}
+    for v in cases.SMALL + cases.LARGE:
+        end = float(round(v))
+        error = np.abs(at(v) - ends[end]).max() / np.abs(ends[1.0]).max()
+        limit = 1e3 * abs(v - end) + 1e-10
+        saw("ends", f"{name} at {v!r}, as a part of its limit", error / limit)
+        assert error <= limit, v
+
+
+# Hands -----------------------------------------------------------------------------------------------------------------------
+SCENES = {
+    "squeeze": stimlib.scenes.squeeze(fingers=1, limits=True, motor_constant=10.0),
+    "viscoelastic": stimlib.scenes.viscoelastic(0.3),
+    "bumps, square": stimlib.scenes.bumps("square", 18),
+    "bumps, sine": stimlib.scenes.bumps("sine", 18, duty=0.8),
+}
+
+
+@pytest.mark.parametrize("hand", cases.HANDS)
+@pytest.mark.parametrize("name", SCENES)
+def test_whatever_the_hand_does(name, hand):
+    motion = dict.fromkeys(SCENES[name].inputs, cases.HANDS[hand])
+    report = stimlib.verify(SCENES[name], motion, stimlib.render(SCENES[name], motion, 8000.0, 1.5))
+    assert report.passed, str(report)
+    saw("hands", checks=len(report.checks))
+
+
+# Long runs -------------------------------------------------------------------------------------------------------------------
+FS, PERIOD, FREQUENCY = 48000.0, 1 / 158.3, 157.9
+CLOCKS = stimlib.Scene(
+    {"noise": b.white_noise(7, 3), "carrier": b.carrier(FREQUENCY), "time": b.elapsed(), "every": b.every(PERIOD)}
+)
+
+
+def assert_clocks(y, n):
+    """Rows of CLOCKS from sample n on, an even one, against formulas."""
+    k = range(n, n + y.shape[1])
+    assert np.abs(y[0] - laws.white(0, 7, 3, n, len(k))).max() <= 1e-13
+    turns = [float(Fraction(FREQUENCY) * i / Fraction(FS) % 1) for i in k]
+    error = np.abs(y[1] - np.sin(2 * np.pi * np.array(turns))).max()
+    assert error <= 2 * np.pi * k[-1] * 2.0**-65 + 1e-14  # half a bit of the phase's 64 is lost at each sample
+    assert_same(y[2], np.array([float(Fraction(i) / Fraction(FS)) for i in k]))
+    first = int(n / FS / PERIOD) - 1
+    events = np.floor(np.arange(first, first + 20) * Fraction(PERIOD) * Fraction(FS) + Fraction(1, 2)).astype(int)
+    assert np.flatnonzero(y[3]).tolist() == [e - n for e in events if n <= e < k[-1] + 1]
+    return error
+
+
+def counters(proc):
+    """Its first state, and by what its counters and phases go on at each sample; as words, and where they are floats."""
+    proc.reset()
+    first = proc.state
+    proc.process(np.empty((0, 1)))
+    one = proc.state
+    proc.process(np.empty((0, 1)))
+    floats = float_words(proc) & (proc.state.view(float) - one.view(float) == 1.0)
+    return first, np.where(float_words(proc), U(0), proc.state - one), floats
+
+
+def jumped(proc, n):
+    """Its first state, moved on by n samples; the last value that a guard keeps is not."""
+    state, more, floats = counters(proc)
+    state += U(n) * more
+    state[floats] = (state.view(float)[floats] + n).view(U)
+    return state
+
+
+def test_a_jump_is_a_run():
+    proc = stimlib.compile(CLOCKS, FS)
+    _, more, floats = counters(proc)
+    there = jumped(proc, 1_000_000)
+    proc.reset()
+    for _ in range(100):
+        proc.process(np.empty((0, 10_000)))
+    moving = (more > 0) | floats
+    assert moving.sum() >= 6
+    assert_same(proc.state[moving], there[moving])
+
+
+@pytest.mark.parametrize("n", [10**8, 10**9, 10**12])
+def test_after_a_jump(n):
+    proc = stimlib.compile(CLOCKS, FS)
+    proc.state = jumped(proc, n)
+    assert proc.index == n
+    saw("jump", f"carrier after {n:.0e} samples", assert_clocks(proc.process(np.empty((0, 1000))), n))
+
+
+def test_samples_really_run(n=10**8, block=100_000):
+    """A position that rises by 10 um/s, and a constant: sums, means, filters and history have had time to drift."""
+    speed, alpha, size = 1e-5, 0.4, 80
+    memory = {
+        "springpot": b.springpot(X, 1.0, alpha, "l1"),
+        "integral": b.integrate(LIVE),
+        "mean": b.moving_average(X, size / FS),
+        "lowpass": b.lowpass(LIVE, 1.0),
+    }
+    proc = stimlib.compile(stimlib.Scene({**CLOCKS.outputs, **memory}), FS)
+    for start in range(0, n, block):
+        y = proc.process(rows(proc, np.array([speed / FS * np.arange(start, start + block), np.full(block, 0.7)]), ["x", "live"]))
+    assert proc.index == n and proc.fault is None
+    saw("run", "carrier", assert_clocks(y[:4, -1000:], n - 1000))
+    t = np.arange(n - 1000, n) / FS
+    wanted = {
+        "springpot": speed * t ** (1 - alpha) / gamma(2 - alpha),  # the scheme is exact for a straight line
+        "integral": 0.7 * (t + 0.5 / FS),  # straight from 0 before the first sample
+        "mean": speed * (t - (size - 1) / 2 / FS),
+        "lowpass": np.full(1000, 0.7),
+    }
+    for row, (name, exact) in zip(y[4:], wanted.items(), strict=True):
+        error = float(np.abs(row[-1000:] / exact - 1).max())
+        saw("run", name, error)
+        assert error <= (1e-10 if name == "springpot" else 1e-12), name
