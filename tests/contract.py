@@ -605,6 +605,41 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Friction and contact ------------------------------------------------------------------------------------------------
+def newtons(f):
+    """A force, below 0 too where f is."""
+    return constant(1.0, "N/m") * f
+
+
+TABLE += [
+    Entry("friction", "ElastoPlastic", lambda x: b.friction(x, 20.0), (squeeze,), unit="m"),
+    Entry("friction_live", "ElastoPlastic", lambda x, f: b.friction(x, newtons(f), 0.6, Param("k", 3.0, "N/m"), elastic=0.3),
+        (phase, held), unit="m"),
+    Entry("friction_coulomb", "Coulomb", lambda x: b.friction(x, 1.0, 0.5, 100.0, "coulomb"), (squeeze,), unit="m"),
+    Entry("friction_soft", "Coulomb", lambda x, f: b.friction(x, newtons(f), 0.5, constant(2.0, "1/m") * newtons(f), "coulomb"),
+        (phase, normal), unit="m"),
+    Entry("friction_dahl", "Dahl", lambda x, c: b.friction(x, 1.0, 0.5, 100.0, "dahl", contact=c > constant(0.0, "m")),
+        (squeeze, held), unit="m"),
+    Entry("friction_lugre", "LuGre", lambda x, f: b.friction(
+        x, newtons(f), 0.5, 100.0, "lugre", static=0.8, damping=0.1, viscosity=0.2), (squeeze, held), unit="m"),
+    Entry("friction_stribeck", "Stribeck", lambda x: b.friction(x, 1.0, 0.5, 100.0, static=0.8, speed=0.3), (squeeze,), unit="m"),
+    Entry("stick_slip", "StickSlip", lambda x: b.stick_slip(x, 1.0, 0.8, 0.5, 100.0), (squeeze,), unit="m", edges=True),
+    Entry("stick_slip_live", "StickSlip", lambda x, f: b.stick_slip(x, newtons(f), 0.8, 0.3, 2.0), (phase, normal), unit="m",
+        edges=True),
+    Entry("wall", "Wall", lambda x: b.wall(x, 300.0, 2.0, 0.01), (squeeze,), unit="m"),
+    Entry("wall_live", "Wall", lambda x, k: b.wall(x, constant(1.0, "N/m^2") * k, 0.002, 0.1, 0.003), (phase, held), unit="m",
+        edges=True),
+    Entry("wall_contact", "Wall", lambda x, c: b.wall(x, 300.0, hunt_crossley=0.2, contact=c > constant(0.0, "m")),
+        (squeeze, held), unit="m"),
+    Entry("detents", "Detents", lambda x: b.detents(x, 1.0, constant(0.3, "N/m") * x), (phase,), unit="m"),
+    Entry("detents_slow", "Detents", lambda x: b.detents(x, 2e-3), (squeeze,), unit="m"),
+    Entry("button", "Button", lambda x: (k := b.button(x, 2.0, 0.4, 0.01)).force + newtons(constant(0.1, "m") * k.pressed),
+        (squeeze,), unit="m", edges=True),
+    Entry("button_live", "Button", lambda x, f: 2.0 * b.button(x, newtons(abs(f)), 0.3, 0.5, 0.2).force, (phase, held), unit="m",
+        edges=True),
+]  # fmt: skip
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

@@ -22,6 +22,10 @@ PRINTED = {
         "holding: 0.013 N rms, between -0.07 and 0.08 N\n"
     ),
     "clicks_and_bursts.py": ("clicks: 20 of them, largest 0.425 N\nbursts: 0.43, 0.00, 0.45 V rms in, between and in them\n"),
+    "sticking_surfaces.py": (
+        "stroking: 131 slips in 40 mm, largest 0.89 N; held: 0 N\n"
+        "LuGre: 0.694 N at most, 0.600 N while fast; the loop is within 0.001 N\n"
+    ),
     "serial_tracker.py": "many reports; the hand ended at 10.00 mm\nreplay: equal, bit for bit\n",
     "psychopy_trial.py --made-up-hand": (
         "interval 1: 360 N/m, 20.0 mm, 7.20 N\ninterval 2: 300 N/m, 20.0 mm, 6.00 N\nanswer: 2\n"

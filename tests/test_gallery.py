@@ -9,7 +9,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
 PROGRAMS = sorted(GALLERY.glob("*/plot_*.py"))
-HEARD = set("squeeze bumps cloth noise modes fir gate carrier filters transients sources places grating texture textures".split())
+HEARD = set(
+    "squeeze bumps cloth noise modes fir gate carrier filters transients sources places grating texture textures "
+    "click detents friction wall impact sliding".split()
+)
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)

@@ -32,6 +32,7 @@ def test_building_a_scene_loads_no_target():
     code = "import stimlib; stimlib.Scene({'y': stimlib.blocks.velocity(stimlib.Input('x')) > 0.0})"
     assert loaded(code) == set(), "units that are written as '' need no library"
     assert loaded("import stimlib; from stimlib.scenes import *; squeeze(), viscoelastic(), bumps()") == set()
+    assert loaded("from stimlib.scenes import *; click(), detents(), friction(), wall(), impact()") == set()
 
 
 def test_the_packages_of_sweeps_are_loaded_where_they_are_used():

@@ -315,7 +315,8 @@ def test_each_contact_is_a_run_of_its_own(name, target):
     names = signals(type(found))
     inputs = {s: Input(s, str(getattr(found, s).dim).replace("1", "")) for s in names}
     block = dc.replace(found, **inputs, **({"onset": "rest"} if hasattr(found, "onset") else {}))
-    proc = stimlib.compile(Scene({"y": block}), entry.rates[0], target)
+    y = getattr(block, block.outputs[0]) if block.outputs else block
+    proc = stimlib.compile(Scene({"y": y}), entry.rates[0], target)
     rng = np.random.default_rng(8)
     lengths = [9, 1, 1, 40, 2, 20, 3, 1, 30, 100, 64]  # off contact, in contact, ..
     touch = np.repeat(np.arange(len(lengths)) % 2, lengths)

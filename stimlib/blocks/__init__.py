@@ -26,23 +26,25 @@ from .places import grating, spatial_noise
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
+from .sliding import friction, stick_slip
 from .sources import band_noise, chirp, playback
 from .springpot import springpot
 from .svf import notch, resonator, svf
 from .table import lut
 from .texture import texture
+from .touching import button, detents, wall
 from .tracking import track, track_velocity
 from .transients import grain, ring
 
 __all__ = [
-    "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "carrier", "chirp", "clip", "compliance",
+    "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "button", "carrier", "chirp", "clip", "compliance",
     "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
-    "crossing", "delay", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force", "equalize",
-    "every", "exp", "falling", "fir", "first_order", "force_limit", "generalized_maxwell", "grain", "grating", "highpass",
-    "hysteresis", "integrate", "kelvin_voigt", "load_texture", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum",
-    "maxwell", "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise",
-    "pinking", "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "sin",
-    "skin_drive", "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness",
-    "sqrt", "standard_linear_solid", "static_limit", "svf", "tanh", "texture", "timeline", "track", "track_velocity",
-    "velocity", "where", "white_noise",
+    "crossing", "delay", "detents", "differentiator", "elapsed", "enabled", "envelope", "envelope_follower", "equal_force",
+    "equalize", "every", "exp", "falling", "fir", "first_order", "force_limit", "friction", "generalized_maxwell", "grain",
+    "grating", "highpass", "hysteresis", "integrate", "kelvin_voigt", "load_texture", "loading", "log", "loop", "lowpass",
+    "lut", "lut2", "maximum", "maxwell", "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within",
+    "oscillator", "pink_noise", "pinking", "playback", "pulse_train", "resonator", "ring", "rising", "sample_and_hold",
+    "save_texture", "sin", "skin_drive", "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series",
+    "springpot_stiffness", "sqrt", "standard_linear_solid", "static_limit", "stick_slip", "svf", "tanh", "texture", "timeline",
+    "track", "track_velocity", "velocity", "wall", "where", "white_noise",
 ]  # fmt: skip

@@ -102,6 +102,9 @@ class ForceLimit(Map):
     def units(self, *u):
         return same_unit("compare", self.x, self.peak, *u)
 
+    def steepest(self, fs, z, H, value):
+        return H[0] if H[1] is None else None
+
     @staticmethod
     def step(p, s, x, peak):
         y = where(x > peak, peak, where(x < -peak, -peak, x))

@@ -222,3 +222,12 @@ def live(e: Evidence, name: str) -> np.ndarray:
         before = y[at - 1] if at else e.params[name]
         y[at:end] = np.where(share < 1, before + (target - before) * share, target)
     return y
+
+
+def signal(e: Evidence, b: Block) -> np.ndarray:
+    """A signal of the scene at every sample."""
+    proc = compile(Scene({"y": b}), e.fs, seed=e.seed)
+    for name in proc.params:
+        proc.set(name, e.params[name], ramp=0.0)
+    x = np.array([e.x[e.proc.inputs.index(name)] for name in proc.inputs]).reshape(len(proc.inputs), e.x.shape[1])
+    return samples(proc, x, x.shape[1], [c for c in e.changes if c.name in proc.params])[0]

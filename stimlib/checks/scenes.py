@@ -10,12 +10,11 @@ import numpy as np
 
 from ..analysis import spectra
 from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
-from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import compile
 from ..run.walk import samples
-from . import laws, surfaces
-from .evidence import Check, Evidence, Tap, live
+from . import laws, surfaces, touch
+from .evidence import Check, Evidence, Tap, live, signal
 
 TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
 
@@ -160,7 +159,7 @@ def _viscoelastic(e: Evidence) -> list[Check]:
     rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
     y, n = rows["y"], e.x.shape[1]
     touching = rows.get("contact", np.ones(n)) > 0
-    alpha = _signal(e, as_block(spring.order) if isinstance(spring, Springpot) else spring.alpha)
+    alpha = signal(e, as_block(spring.order) if isinstance(spring, Springpot) else spring.alpha)
     chi = _gain(e.scene.outputs["force"], spring)
     gain = live(e, "firmness") * chi
     at_1_hz = chi * (2 * np.pi) ** alpha[0]
@@ -190,15 +189,6 @@ def _viscoelastic(e: Evidence) -> list[Check]:
         Check("d", "force: full sum over the history", worst, 1.0, text),
         Check("e", "force: none off contact", lost, 0.0, "N"),
     ]
-
-
-def _signal(e: Evidence, b: Block) -> np.ndarray:
-    """A signal of the scene at every sample."""
-    proc = compile(Scene({"y": b}), e.fs, seed=e.seed)
-    for name in proc.params:
-        proc.set(name, e.params[name], ramp=0.0)
-    x = np.array([e.x[e.proc.inputs.index(name)] for name in proc.inputs]).reshape(len(proc.inputs), e.x.shape[1])
-    return samples(proc, x, x.shape[1], [c for c in e.changes if c.name in proc.params])[0]
 
 
 def _gain(root: Block, spring: Block) -> float:
@@ -295,7 +285,7 @@ def _texture(e: Evidence) -> list[Check]:
         e.skipped.append("acceleration: the law covers a moving tool, and the library's noise")
         return []
     every = round(e.fs / model.rate)
-    speed, force = _signal(e, block.speed), _signal(e, block.force)
+    speed, force = signal(e, block.speed), signal(e, block.force)
     want = live(e, "level") * laws.texture(model, speed, force, laws.white(e.seed, *white.noise_key, 0, n), every)
     top = float(np.abs(want).max()) or 1.0
     e.wanted["acceleration"] = lambda: (want, TEXTURE * top)
@@ -340,6 +330,11 @@ SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
     "bumps": _bumps,
     "grating": surfaces.grating,
     "texture": _texture,
+    "click": touch.click_law,
+    "detents": touch.detents_law,
+    "friction": touch.friction_law,
+    "wall": touch.wall_law,
+    "impact": touch.impact_law,
 }
 
 

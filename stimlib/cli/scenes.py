@@ -33,6 +33,8 @@ def show(
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
     run_files(import_)
+    from ..analysis.passivity import damping_of
+    from ..core.units import unit as core_unit
     from ..run.processor import compile
 
     made = scene_of(scene)
@@ -42,12 +44,22 @@ def show(
         draw_graph(made, draw)
     if save is not None:
         made.save(save)
-    plan = compile(made, fs, target="python").plan
+    proc = compile(made, fs, target="python")
+    plan, needed = proc.plan, damping_of(proc)
     if json_:
-        print_json(_facts(made) | {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed})
+        found = [{"output": y, "input": x, "needed_damping": b} for (y, x), b in needed.items()]
+        facts = {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed, "passivity": found}
+        print_json(_facts(made) | facts)
     else:
         print(shown(made))
         print(shown(plan))
+        for (y, x), b in needed.items():
+            unit = made.outputs[y].dim * core_unit("s") / made.inputs[x].dim
+            print(
+                shown(
+                    f"warning: {y} over {x} is passive only in a device with damping of {b:.3g} {unit}, and more where it is late"
+                )
+            )
 
 
 @command("list")

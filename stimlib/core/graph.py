@@ -165,6 +165,10 @@ class Block(Refusals):
         transfer = type(b).transfer
         return None if transfer is None else transfer(p if b is self else b.design(fs)[0], z) * H[0]
 
+    def steepest(self, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
+        """As ``through``, of the linear block that is as stiff as this one at its stiffest; None if that is not known."""
+        return None
+
     def memory(self, p: Any) -> int:
         """Samples until a finite-memory block has forgotten its first state."""
         return 0

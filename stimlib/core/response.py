@@ -94,9 +94,19 @@ def _behind(b: Block, delay: float, ways: list[Span]) -> Any:
 
 
 def response(
-    program: Program, design: list[tuple[Any, Any]], fs: float, params: dict[str, float], output: str, source: str, f: np.ndarray
+    program: Program,
+    design: list[tuple[Any, Any]],
+    fs: float,
+    params: dict[str, float],
+    output: str,
+    source: str,
+    f: np.ndarray,
+    steepest: bool = False,
 ) -> np.ndarray:
-    """Complex gain from a source to an output at f (Hz), with parameters as they stand: see ``Processor.response``."""
+    """Complex gain from a source to an output at f (Hz), with parameters as they stand: see ``Processor.response``.
+
+    steepest: of blocks that are not linear, as stiff as they can be, where they know it.
+    """
     for name, known in ((output, program.outputs), (source, _sources(program))):
         if name not in known:
             raise UnknownName(f"no {name!r}; there is {', '.join(known) or 'none'}")
@@ -134,6 +144,8 @@ def response(
                 after = _around(b, b.made.parts(*design[i]), fs, z, parts, numbers)
             else:
                 after = b.through(design[i][0], fs, z, parts, numbers)
+            if after is None and steepest:
+                after = b.steepest(fs, z, parts, numbers)
             if after is None:
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
             H[i] = after

@@ -8,7 +8,9 @@ from functools import cache, lru_cache
 
 from ..errors import UnitError
 
-_SHOWN = ("m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2")
+_SHOWN = (
+    "m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2", "s/m",
+)  # fmt: skip
 _BASE = ("kilogram", "meter", "second", "ampere")
 _SI = {  # powers of these: products of these names need no pint, which takes longer to load than the rest of a start
     "kg": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "N": (1, 1, -2, 0), "Pa": (1, -1, -2, 0),

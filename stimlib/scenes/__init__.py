@@ -1,12 +1,30 @@
-"""The papers' stimuli, each on one page that reads like the paper."""
+"""The papers' stimuli and the field's everyday ones, each on one page."""
 
 from .bumps import bumps, bumps_set
+from .click import click
+from .detents import detents
+from .friction import friction
 from .grating import grating
+from .impact import impact
 from .squeeze import squeeze
 from .texture import texture
 from .viscoelastic import viscoelastic
+from .wall import wall
 
-__all__ = ["bumps", "bumps_set", "grating", "squeeze", "texture", "viscoelastic"]
+__all__ = [
+    "bumps", "bumps_set", "click", "detents", "friction", "grating", "impact", "squeeze", "texture", "viscoelastic", "wall",
+]  # fmt: skip
 
-SHIPPED = {"squeeze": squeeze, "viscoelastic": viscoelastic, "bumps": bumps, "grating": grating, "texture": texture}
-"""What the command line calls a scene, by name; the default of every argument is the paper's."""
+SHIPPED = {
+    "squeeze": squeeze,
+    "viscoelastic": viscoelastic,
+    "bumps": bumps,
+    "grating": grating,
+    "texture": texture,
+    "click": click,
+    "detents": detents,
+    "friction": friction,
+    "wall": wall,
+    "impact": impact,
+}
+"""What the command line calls a scene, by name; the default of every argument is the paper's, where there is one."""

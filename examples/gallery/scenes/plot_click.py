@@ -1,0 +1,17 @@
+"""
+A button that clicks
+====================
+
+It is pressed and let go twice: the force falls at the snap, and a vibration rings. See
+:doc:`/reference/scenes/click`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import click
+
+hand = minimum_jerk(depth=2.1e-3, rise=0.15, hold=0.1, fall=0.15, rest=0.2)
+result = stimlib.render(click(), {"x": hand}, fs=8000, seconds=1.2)
+listen(result, "force", "click.wav")
+figure = result.plot()

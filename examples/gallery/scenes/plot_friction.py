@@ -1,0 +1,17 @@
+"""
+Stick-slip
+==========
+
+A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s that is 330 Hz. See
+:doc:`/reference/scenes/friction`.
+"""
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.motion.generators import minimum_jerk
+from stimlib.scenes import friction
+
+hand = minimum_jerk(depth=0.03, rise=0.6, hold=0.2, fall=0.6)
+result = stimlib.render(friction(), {"x": hand}, fs=8000, seconds=1.6)
+listen(result, "force", "friction.wav")
+figure = result.plot()

@@ -1,0 +1,22 @@
+"""
+A wall
+======
+
+A finger taps on it, harder each time: nothing pulls when it leaves. See
+:doc:`/reference/scenes/wall`.
+"""
+
+import numpy as np
+
+import stimlib
+from stimlib.analysis.listen import listen
+from stimlib.scenes import wall
+
+
+def hand(t):
+    return 1e-3 * t * np.sin(2 * np.pi * 4 * t)
+
+
+result = stimlib.render(wall(k=2000.0, b=5.0), {"x": hand}, fs=8000, seconds=1.5)
+listen(result, "force", "wall.wav")
+figure = result.plot()

@@ -1,0 +1,493 @@
+"""Dry friction from positions alone: each sample is the mean force over the straight way since the last one.
+
+A surface is a spring of stiffness k whose deflection z is held within c = limit/k.  Every step begins alike: where the stiffness
+has changed, z keeps its force on a rise and its place on a fall; then z is held within c, which may have fallen.  Both only lose
+energy.  The laws differ in how z follows the way, and each is solved exactly for a straight one.  So the work of any motion,
+sum F dx, is at least the energy k z^2/2 that is stored.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..core.graph import Block, Const, Param, as_block, positive
+from ..core.maths import exp, floor, where
+from ..core.response import backward
+from ..errors import BadValue, UnitError
+from .impedance import with_unit
+
+LAWS = ("elastoplastic", "coulomb", "dahl", "lugre")
+
+
+def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
+    """A number gets the unit; of a number or a parameter, what is negative (or 0, if that means nothing) is refused."""
+    b = with_unit(v, text)
+    if isinstance(b, (Const, Param)) and not (b.value >= 0 if zero else b.value > 0):
+        raise BadValue(f"{who}: {name} = {b.value:g} must be {'0 or above' if zero else 'above 0'}{why}")
+    return b
+
+
+# What all laws begin with --------------------------------------------------------------------------------------------
+class FrictionState(NamedTuple):
+    last: float  # x
+    z: float  # deflection
+    k: float  # of the last sample
+    cold: float
+
+
+def held(v):
+    """A live value, 0 where it is below; nan stays."""
+    return where(v > 0.0, v, where(v == v, 0.0, v))
+
+
+def within(z, c):
+    """z held between -c and c."""
+    return where(z > c, c, where(z < -c, -c, z))
+
+
+def sign(x):
+    """The way's direction."""
+    return where(x < 0.0, -1.0, 1.0)
+
+
+def deflection(limit, k):
+    """c, where a spring of stiffness k has the force limit."""
+    return where(k > 0.0, held(limit) / k, where(k == k, 0.0, k))
+
+
+def softened(z, before, k):
+    """z min(1, before/k): the deflection when the stiffness becomes k, so that energy never grows."""
+    return where(before < k, z * (before / k), z)
+
+
+def relax(a):
+    """exp(-a) and its mean (1 - exp(-a))/a over the way, a >= 0."""
+    e = exp(-a)
+    near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
+    return e, where(a < 0.01, near, (1.0 - e) / a)
+
+
+def averaging(fs, z, k, b=0.0):
+    """Response of a spring k whose force is the mean over a sample, and a damper b beside it."""
+    d = backward(z)
+    return k * (1.0 - 0.5 * d) + b * fs * d
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(Block, abstract=True):
+    """A spring that slips: where it slips, and how stiff it is, are signals."""
+
+    x: Block
+    limit: Block  # of the force
+    stiffness: Block
+    contact: Block
+    resettable = True
+
+    def units(self, *u):
+        if u[0] * u[2] != u[1]:
+            raise UnitError(
+                f"friction: stiffness [{u[2]}] times x [{u[0]}] is [{u[0] * u[2]}], and mu times normal [{u[1]}]: they must be "
+                "one unit; plain numbers are N/m and N"
+            )
+        return u[1]
+
+    def design(self, fs):
+        return (), FrictionState(0.0, 0.0, 0.0, 1.0)
+
+    def delay(self, p):
+        """A mean over the last sample period lies half a sample back."""
+        return 0.5
+
+    def steepest(self, fs, z, H, value):
+        """Where it sticks; and what a limit that depends on the speed adds."""
+        if H[0] is None or value[2] is None:
+            return None
+        return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
+
+
+# The laws ------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Coulomb(Friction):
+    """dz = dx while |z| < c."""
+
+    @staticmethod
+    def step(p, s, x, limit, stiffness):
+        k = held(stiffness)
+        c = deflection(limit, k)
+        z = within(softened(s.z, s.k, k), c)
+        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        t = z + dx
+        after, left = within(t, c), c - sign(dx) * z
+        slips = sign(dx) * (c - 0.5 * left * (left / abs(dx)))
+        return k * where(after == t, z + 0.5 * dx, slips), FrictionState(x, after, k, 0.0)
+
+
+class ElasticParams(NamedTuple):
+    elastic: float
+
+
+@dataclass(frozen=True, eq=False)
+class ElastoPlastic(Friction):
+    """dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c - b)) dx, s the direction of dx."""
+
+    elastic: float
+
+    def check(self):
+        if not 0 <= self.elastic < 1:
+            raise BadValue(
+                f"friction: elastic = {self.elastic:g} must be 0 or above and below 1; a spring up to the limit is law='coulomb'"
+            )
+
+    def design(self, fs):
+        return ElasticParams(self.elastic), FrictionState(0.0, 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, x, limit, stiffness):
+        k = held(stiffness)
+        c = deflection(limit, k)
+        z = within(softened(s.z, s.k, k), c)
+        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        b, u, a = p.elastic * c, sign(dx) * z, abs(dx)
+        rest = held(b - u)  # of the elastic way
+        e = where(a > rest, rest, a)
+        flow, d = a - e, c - (u + e)
+        left, mean = relax(where(c > b, flow / (c - b), 0.0))
+        after = where(a > rest, c - d * left, u + a)
+        m = where(a > 0.0, (e * (u + 0.5 * e) + flow * (c - d * mean)) / a, u + a)
+        return k * sign(dx) * m, FrictionState(x, sign(dx) * after, k, 0.0)
+
+
+def drawn(z, c, dx):
+    """dz = (1 - s z/c) dx along the way: z at its end and in the mean."""
+    to = sign(dx) * c
+    left, mean = relax(where(c > 0.0, abs(dx) / c, 0.0))
+    return to + (z - to) * left, to + (z - to) * mean
+
+
+@dataclass(frozen=True, eq=False)
+class Dahl(Friction):
+    """dz = (1 - s z/c) dx, s the direction of dx."""
+
+    @staticmethod
+    def step(p, s, x, limit, stiffness):
+        k = held(stiffness)
+        c = deflection(limit, k)
+        after, mean = drawn(within(softened(s.z, s.k, k), c), c, where(s.cold > 0.0, 0.0, x - s.last))
+        return k * mean, FrictionState(x, after, k, 0.0)
+
+
+class LuGreParams(NamedTuple):
+    damping: float  # times fs
+    viscosity: float  # times fs
+
+
+@dataclass(frozen=True, eq=False)
+class LuGre(Block):
+    """Dahl's law with a limit g(v), F = k z + damping dz/dt + viscosity v; z is held within the static limit."""
+
+    x: Block
+    limit: Block  # g(v)
+    static: Block  # g(0)
+    stiffness: Block
+    contact: Block
+    damping: float
+    viscosity: float
+    resettable = True
+
+    def check(self):
+        for name in ("damping", "viscosity"):
+            if not getattr(self, name) >= 0:
+                raise BadValue(f"friction: {name} = {getattr(self, name):g} N s/m must be 0 or above")
+
+    def units(self, *u):
+        same = Friction.units(self, u[0], u[1], u[3])  # type: ignore[arg-type]
+        if u[2] != same:
+            raise UnitError(f"friction: the static limit is [{u[2]}], and the limit [{same}]")
+        return same
+
+    def design(self, fs):
+        return LuGreParams(self.damping * fs, self.viscosity * fs), FrictionState(0.0, 0.0, 0.0, 1.0)
+
+    def delay(self, p):
+        """A mean over the last sample period lies half a sample back."""
+        return 0.5
+
+    def steepest(self, fs, z, H, value):
+        """Where it sticks; and what a limit that depends on the speed adds."""
+        if H[0] is None or value[3] is None:
+            return None
+        return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (0.0 if H[1] is None else H[1])
+
+    @staticmethod
+    def step(p, s, x, limit, static, stiffness):
+        k = held(stiffness)
+        z = within(softened(s.z, s.k, k), deflection(static, k))
+        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        c = deflection(limit, k)
+        after, mean = drawn(z, c, dx)
+        after, mean = where(c > 0.0, after, 0.0 * c), where(c > 0.0, mean, 0.0 * c)
+        return k * mean + p.damping * (after - z) + p.viscosity * dx, FrictionState(x, after, k, 0.0)
+
+
+# Around the laws -----------------------------------------------------------------------------------------------------
+class StribeckParams(NamedTuple):
+    rise: float
+    per: float  # fs/speed
+
+
+class PlaceState(NamedTuple):
+    last: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Stribeck(Block):
+    """limit (1 + rise exp(-(v/speed)^2)), v the mean speed of this sample."""
+
+    x: Block
+    limit: Block
+    contact: Block
+    rise: float
+    speed: float
+    resettable = True
+
+    def check(self):
+        positive(self, "speed")
+
+    def units(self, *u):
+        return u[1]
+
+    def design(self, fs):
+        return StribeckParams(self.rise, fs / self.speed), PlaceState(0.0, 1.0)
+
+    def steepest(self, fs, z, H, value):
+        """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2)."""
+        if H[0] is None or value[1] is None:
+            return None
+        return averaging(fs, z, 0.0, -value[1] * self.rise * math.sqrt(2 / math.e) / self.speed) * H[0]
+
+    @staticmethod
+    def step(p, s, x, limit):
+        v = where(s.cold > 0.0, 0.0, p.per * (x - s.last))
+        return limit * (1.0 + p.rise * exp(-v * v)), PlaceState(x, 0.0)
+
+
+class StickSlipParams(NamedTuple):
+    left: float  # part of the force that a slip leaves
+
+
+@dataclass(frozen=True, eq=False)
+class StickSlip(Friction):
+    """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way, with any number of slips in a sample.
+
+    After m slips, the way that is left behind slip i < m is |z + dx| - c - i q, q = c - left c: the mean of the sawtooth is that
+    of the spring less q for each.
+    """
+
+    left: float
+
+    def check(self):
+        if not 0 <= self.left < 1:
+            raise BadValue(f"stick_slip: left = {self.left:g} must be 0 or above and below 1: a slip makes the force smaller")
+
+    def design(self, fs):
+        return StickSlipParams(self.left), FrictionState(0.0, 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def step(p, s, x, limit, stiffness):
+        k = held(stiffness)
+        c = deflection(limit, k)
+        q = c - p.left * c
+        z = within(softened(s.z, s.k, k), c)
+        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        t = z + dx
+        over = abs(t) - c
+        m = where(over > 0.0, where(q > 0.0, floor(over / q) + 1.0, 0.0), 0.0)
+        ways = m * over - q * (0.5 * m * (m - 1.0))
+        mean = z + 0.5 * dx - where(m > 0.0, sign(t) * q * (ways / abs(dx)), 0.0)
+        after = t - sign(t) * (m * q)
+        none = 0.0 * q  # where nothing can stick
+        return k * where(q > 0.0, mean, none), FrictionState(x, where(q > 0.0, within(after, c), none), k, 0.0)
+
+
+def friction(
+    x: Block,
+    normal,
+    mu=0.6,
+    stiffness=1000.0,
+    law: str = "elastoplastic",
+    *,
+    elastic: float = 0.7,
+    static: float | None = None,
+    speed: float = 0.02,
+    damping: float = 0.0,
+    viscosity: float = 0.0,
+    passive: bool = True,
+    contact=1.0,
+) -> Block:
+    """Dry friction that sticks, from the position alone: the mean force over the straight way since the last sample.
+
+    A spring of the given stiffness between finger and surface has the deflection z. It slips at c = mu normal/stiffness. With s
+    the direction of dx, b = elastic c:
+
+    * ``"coulomb"``: dz = dx while \\|z\\| < c (a Prandtl element, a god object on a line);
+    * ``"elastoplastic"``: dz = dx while s z < b, then dz = (1 - (s z - b)/(c - b)) dx. Below b it is a spring, so nothing drifts;
+    * ``"dahl"``: dz = (1 - s z/c) dx. It **drifts** under vibration that never reaches c;
+    * ``"lugre"``: Dahl's with c(v) of Stribeck's curve, and F = stiffness z + damping dz/dt + viscosity v. It drifts too.
+
+    Where ``static`` is given, mu counts as mu + (static - mu) exp(-(v/speed)^2), v the mean speed of the sample: more while slow.
+
+    Parameters
+    ----------
+    x : Block
+        Position in m.
+    normal : float or Block
+        Normal force in N. A signal below 0 counts as 0: no friction.
+    mu : float or Block
+        Coefficient of friction while sliding.
+    stiffness : float or Block
+        In N/m; 500 to 1500 for a finger pad. A signal below 0 counts as 0: no friction.
+    law : {"elastoplastic", "coulomb", "dahl", "lugre"}
+        The last two are for those who reproduce a paper.
+    elastic : float
+        Part b/c of the way to the limit that is a spring, for ``"elastoplastic"``; 0 or above, below 1.
+    static : float, optional
+        Coefficient at rest, not below mu, which must be a number then; usually 1.2 to 1.5 times mu.
+    speed : float
+        Stribeck's speed in m/s, usually 5 to 50 mm/s.
+    damping, viscosity : float
+        In N s/m, for ``"lugre"``.
+    passive : bool
+        Refuse what may give energy: LuGre takes no more than it got only if viscosity >= damping (static/mu - 1).  False, to
+        reproduce a paper whose numbers break it.
+    contact : Block
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as at the first sample, z = 0.
+
+    Returns
+    -------
+    Block
+        Force of the hand on the surface in N, in the direction of the movement: sum F dx is the work taken from the hand.
+
+    Raises
+    ------
+    BadValue
+        A normal force, mu, damping or viscosity below 0; stiffness or speed not above 0; elastic outside [0, 1); static below mu,
+        or with a mu that is a signal; damping or viscosity for another law; an unknown law; a LuGre that is not passive.
+    UnitError
+        Units that do not fit: stiffness times x is the unit of mu times normal. So torques over angles are fine.
+
+    Notes
+    -----
+    Passive: over any motion, and for signals normal, mu and stiffness that change as they like, sum F dx >= stiffness z^2/2 up to
+    rounding. Where the stiffness rises, z falls so that the force stays; else a stiffness that follows the normal force, as that
+    of fingers does, gives energy. That holds for the force at the time of the movement; a device that is a sample late needs
+    damping: see ``stimlib.analysis.passivity.needed_damping``.
+
+    References
+    ----------
+    Dahl, "A solid friction model", Aerospace Corp. TOR-158 (1968). Canudas de Wit, Olsson, Åström and Lischinsky, "A new model
+    for control of systems with friction", IEEE Trans. Autom. Control 40 (1995), eqs. 1 to 4. Dupont, Hayward, Armstrong and
+    Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom. Control 47 (2002); its sine is a straight line
+    here, which has a solution. Hayward and Armstrong, "A new computational model of friction applied to haptic rendering" (2000):
+    friction from positions.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import friction
+    >>> x = stimlib.Input("x", "m")
+    >>> proc = stimlib.compile(stimlib.Scene({"F": friction(x, normal=1.0, mu=0.5, stiffness=1000.0, law="coulomb")}), fs=1000)
+    >>> proc.process(1e-3 * np.array([[0.0, 0.2, 0.4, 1.0, 2.0, 1.9]])).round(3)  # 0.5 mm stick
+    array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
+    """
+    if law not in LAWS:
+        raise BadValue(f"friction: law = {law!r}; choose one of {', '.join(LAWS)}")
+    if law != "lugre" and (damping or viscosity):
+        raise BadValue(
+            "friction: damping and viscosity belong to law='lugre'; for another, add constant(b, 'N*s/m') * velocity(x)"
+        )
+    x, contact = as_block(x), as_block(contact)
+    normal = amount("friction", "normal", normal, "N", why=": it presses the surfaces together")
+    mu, k = amount("friction", "mu", mu, ""), amount("friction", "stiffness", stiffness, "N/m", zero=False)
+    limit = most = mu * normal
+    if static is not None:
+        ratio = _ratio(mu, static)
+        if law == "lugre" and passive and viscosity < damping * (ratio - 1):
+            raise BadValue(
+                f"friction: this LuGre gives energy at some speeds: viscosity = {viscosity:g} must be at least damping "
+                f"(static/mu - 1) = {damping * (ratio - 1):g} N s/m; or say passive=False, to reproduce a paper"
+            )
+        most, limit = ratio * limit, Stribeck(x, limit, contact, ratio - 1, speed)
+    if law == "lugre":
+        return LuGre(x, limit, most, k, contact, damping, viscosity)
+    if law == "elastoplastic":
+        return ElastoPlastic(x, limit, k, contact, elastic)
+    return (Coulomb if law == "coulomb" else Dahl)(x, limit, k, contact)
+
+
+def _ratio(mu: Block, static: float) -> float:
+    """static/mu."""
+    if not isinstance(mu, Const):
+        raise BadValue("friction: static stands beside a mu that is a number; multiply normal by a signal instead of mu")
+    if not static >= mu.value > 0:
+        raise BadValue(f"friction: static = {static!r} must be at least mu = {mu.value:g}, and mu above 0")
+    return static / mu.value
+
+
+def stick_slip(x: Block, normal, static=0.8, kinetic: float = 0.5, stiffness=1000.0, contact=1.0) -> Block:
+    """Sticks like a spring up to static normal, then slips to a part of it, again and again: a sawtooth of force over place.
+
+    The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at speed v that is a vibration with v over
+    that frequency. Each sample is the exact mean over its way, with any number of slips.
+
+    Parameters
+    ----------
+    x : Block
+        Position in m.
+    normal : float or Block
+        Normal force in N. A signal below 0 counts as 0: no friction.
+    static, kinetic : float
+        Coefficients at which it slips, and which a slip leaves: 0 <= kinetic < static.
+    stiffness : float or Block
+        In N/m. A signal below 0 counts as 0: no friction.
+    contact : Block
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as at the first sample, nothing is strained.
+
+    Returns
+    -------
+    Block
+        Force of the hand on the surface in N, as of ``friction``.
+
+    Raises
+    ------
+    BadValue
+        A normal force below 0, a stiffness not above 0, kinetic outside [0, static).
+    UnitError
+        Units that do not fit, as of ``friction``.
+
+    Notes
+    -----
+    Passive, as ``friction``: every slip loses (static^2 - kinetic^2) normal^2/(2 stiffness).
+
+    References
+    ----------
+    Our own; the sawtooth of Hayward and Armstrong, "A new computational model of friction applied to haptic rendering" (2000),
+    with the slip at its place inside the sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import stick_slip
+    >>> scene = stimlib.Scene({"F": stick_slip(stimlib.Input("x", "m"), normal=1.0, static=0.8, kinetic=0.4, stiffness=1000.0)})
+    >>> proc = stimlib.compile(scene, fs=1000)
+    >>> proc.process(1e-3 * np.array([[0.0, 0.4, 0.8, 1.0, 1.2, 5.2]])).round(3)  # teeth of 0.4 mm
+    array([[0. , 0.2, 0.6, 0.5, 0.7, 0.6]])
+    """
+    normal = amount("stick_slip", "normal", normal, "N", why=": it presses the surfaces together")
+    top = amount("stick_slip", "static", static, "", zero=False)
+    if not isinstance(top, Const):
+        raise BadValue("stick_slip: static is a number; multiply normal by a signal instead")
+    k = amount("stick_slip", "stiffness", stiffness, "N/m", zero=False)
+    return StickSlip(as_block(x), top * normal, k, as_block(contact), kinetic / top.value)

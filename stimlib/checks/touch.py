@@ -1,0 +1,233 @@
+"""The laws of the everyday scenes, each force over place written again: wall, click, detents, friction, impact.
+
+A mean over a sample's way is a difference of integrals in extended precision here, a slip is found one by one, and a vibration is
+a complex recursion; nothing of a block's design or step is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from ..core.graph import Block, reach
+from . import laws
+from .evidence import Check, Evidence, signal
+
+STILL = 1e-11  # of the unit of x: over so short a way a sinusoid is straight
+TOL, LEAST = 1e-6, 1e-12  # of the largest value, or of LEAST if there is nothing larger
+
+
+def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each sample's way began, and where there is contact, whose first sample has no way."""
+    touching, last = contact > 0, np.r_[x[:1], x[:-1]]
+    first = touching & ~np.r_[False, touching[:-1]]
+    return np.where(first, x, last), touching
+
+
+def mean_over(
+    last: np.ndarray, x: np.ndarray, integral: Callable[[Any], Any], value: Callable[[Any], Any], straight: np.ndarray
+) -> np.ndarray:
+    """Mean over last .. x of a function with a known integral; where it is straight, its value in the middle."""
+    a, b = last.astype(np.longdouble), x.astype(np.longdouble)
+    return np.where(straight, value((a + b) / 2), (integral(b) - integral(a)) / np.where(straight, 1, b - a)).astype(float)
+
+
+def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any) -> np.ndarray:
+    """Mean of max(0, k p + b v) where p = x - at > 0, else 0, v the mean speed of the sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.checks.touch import wall
+    >>> wall(np.array([-1e-3, 1e-3, 2e-3]), np.ones(3), 1000.0, 1000.0, 2.0, 0.0).round(6)
+    array([0.  , 2.25, 3.5 ])
+    """
+    last, touching = ways(x, contact)
+    w = b * (x - last) * fs
+    with np.errstate(divide="ignore", invalid="ignore"):
+        free = np.where(w < 0, -w / k, 0)  # less than this deep the damper takes away the spring
+
+    def integral(p: Any) -> Any:
+        q = np.maximum(p - at, free)
+        return np.where(np.isfinite(free), (q - free) * (k * (q + free) / 2 + w), 0)
+
+    def value(p: Any) -> Any:
+        return np.where(p - at > free, k * (p - at) + w, 0)
+
+    straight = (last == x) | ((last - at > free) == (x - at > free))
+    return np.where(touching, mean_over(last, x, integral, value, straight), 0)
+
+
+def button(x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float, back: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean force of a button, and where it is pressed: since it was at ``at``, unless it was below ``back`` since."""
+    last, touching = ways(x, contact)
+    n = np.arange(x.size)
+    pressed = np.maximum.accumulate(np.where(touching & (x >= at), n, -1)) > np.maximum.accumulate(
+        np.where(~touching | (x < back), n, -1)
+    )
+    was = np.where(touching & np.r_[False, touching[:-1]], np.r_[False, pressed[:-1]], pressed)
+    way = np.where(x == last, 1, np.abs(x - last))
+    share = np.where(pressed == was, pressed, (np.maximum(x, last) - np.where(pressed, at, back)) / way)
+    force = wall(x, contact, 1.0, np.asarray(peak) / at, 0.0, 0.0) - np.where(touching, peak * drop * share, 0)
+    return force, pressed
+
+
+def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndarray:
+    """A decaying sinusoid from each event."""
+    from scipy.signal import lfilter
+
+    return lfilter([1], [1, -np.exp(-1 / (decay * fs) + 2j * np.pi * freq / fs)], events).imag
+
+
+def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:
+    """Mean of depth sin(2 pi x/spacing)."""
+    last, touching = ways(x, contact)
+    turn = 2 * np.longdouble(np.pi) + 2 * np.longdouble(1.2246467991473532e-16)
+
+    def phase(q: Any) -> Any:
+        return turn * (q / spacing - np.floor(q / spacing))
+
+    mean = mean_over(last, x, lambda q: -spacing / turn * np.cos(phase(q)), lambda q: np.sin(phase(q)), np.abs(x - last) < STILL)
+    return np.where(touching, depth * mean, 0)
+
+
+def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> np.ndarray:
+    """Mean force of a spring that slips at a limit."""
+    last, touching = ways(x, contact)
+    y, z = np.zeros(x.size), 0.0
+    for n, (d, c) in enumerate(zip((x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), strict=True)):
+        if not touching[n]:
+            z = 0.0
+            continue
+        z = min(max(z, -c), c)
+        s, a = (1.0, d) if d >= 0 else (-1.0, -d)
+        stuck = min(a, c - s * z)
+        area = stuck * (z + s * stuck / 2) + (a - stuck) * s * c
+        z = s * c if stuck < a else z + d
+        y[n] = k * (area / a if a else z)
+    return y
+
+
+def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray) -> np.ndarray:
+    """Mean force of a spring that falls to a part of its limit wherever it reaches it, slip by slip.
+
+    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.
+    """
+    last, touching = ways(x, contact)
+    d, c, y, z = x - last, np.maximum(limit, 0) / k, np.zeros(x.size), 0.0
+    tie = 0.0  # what a slip too few or too many would change
+    for n in range(x.size):
+        if not touching[n] or c[n] == 0:
+            z, tie = 0.0, 0.0
+            continue
+        s, a, tooth, area = (1.0 if d[n] >= 0 else -1.0), abs(d[n]), c[n] * (1 - left), 0.0
+        if tie:
+            now = [abs(k * (v + d[n] / 2) - shown[n]) for v in (z, z + tie)]
+            z = z + tie if now[1] < now[0] else z
+        z = min(max(z, -c[n]), c[n])
+        start, rest, tie = z, a, 0.0
+        while rest > (room := c[n] - s * z):
+            area, rest, z = area + room * (z + s * c[n]) / 2, rest - room, s * (c[n] - tooth)
+        area, z = area + rest * (z + s * rest / 2), z + s * rest
+        if abs(abs(z) - c[n]) < 1e-9 * c[n]:
+            tie = -np.sign(z) * tooth
+        elif abs(abs(z) - (c[n] - tooth)) < 1e-9 * c[n] and a:
+            tie = s * tooth
+        y[n] = k * (area / a if a else start)
+    return y
+
+
+# The checks ------------------------------------------------------------------------------------------------------------
+def _of(e: Evidence, kind: type[Block]) -> Any:
+    return next(b for b in reach(e.scene.outputs.values()) if isinstance(b, kind))
+
+
+def _rows(e: Evidence, name: str) -> tuple[np.ndarray, np.ndarray]:
+    rows = dict(zip(e.proc.inputs, e.x, strict=True))
+    return rows[name], rows.get("contact", np.ones(e.x.shape[1]))
+
+
+def _held(e: Evidence, what: str, parts: Iterable[np.ndarray], numbers: str) -> list[Check]:
+    """The one output against the sum of its parts."""
+    (name,) = e.scene.outputs
+    want = sum(parts, np.zeros(e.x.shape[1]))
+    top = max(float(np.abs(want).max()), LEAST)
+    e.wanted[name] = lambda: (want, TOL * top)
+    e.numbers.append(numbers)
+    return [Check("d", f"{name}: {what}", float(np.abs(e.y[0] - want).max() / top), TOL, "of the largest, written again")]
+
+
+def _wall_of(e: Evidence, x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, str]:
+    from ..blocks.touching import Wall
+
+    w = _of(e, Wall)
+    k, b, at = (signal(e, v) for v in (w.k, w.b, w.at))
+    if signal(e, w.c).any():
+        raise StopIteration("a wall whose damping grows with the depth")
+    return wall(x, contact, e.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
+
+
+def wall_law(e: Evidence) -> list[Check]:
+    force, numbers = _wall_of(e, *_rows(e, "x"))
+    return [
+        *_held(e, "wall over place", [force], numbers),
+        Check("e", "force: it never pulls", float(-e.y[0].min()), 0.0, "N"),
+    ]
+
+
+def click_law(e: Evidence) -> list[Check]:
+    from ..blocks.touching import Button
+    from ..blocks.transients import Ring
+
+    x, contact = _rows(e, "x")
+    key, ring = _of(e, Button), _of(e, Ring)
+    force, pressed = button(x, contact, signal(e, key.peak), key.drop, key.at, key.back)
+    bottom, numbers = _wall_of(e, x, contact)
+    events = np.diff(pressed.astype(float), prepend=pressed[0]) > 0
+    freq, decay = float(signal(e, ring.freq)[0]), float(signal(e, ring.decay)[0])
+    vibration = _amplitude(e, "A") * ringing(events.astype(float), e.fs, freq, decay)
+    words = f"a snap at {1e3 * key.at:g} mm, back at {1e3 * key.back:g} mm, {int(events.sum())} of them; {numbers}"
+    return _held(e, "button, bottom and vibration", [force, bottom, vibration], words)
+
+
+def _amplitude(e: Evidence, name: str) -> np.ndarray:
+    return signal(e, e.scene.params[name])
+
+
+def detents_law(e: Evidence) -> list[Check]:
+    from ..blocks.sliding import Coulomb
+    from ..blocks.touching import Detents
+
+    x, contact = _rows(e, "angle")
+    d, f = _of(e, Detents), _of(e, Coulomb)
+    k = float(signal(e, f.stiffness)[0])
+    drawn = detents(x, contact, d.spacing, signal(e, d.depth))
+    rubbed = coulomb(x, contact, k, signal(e, f.limit))
+    return _held(e, "detents and friction", [drawn, rubbed], f"{2 * np.pi / d.spacing:g} detents a turn, friction over {k:g} N m")
+
+
+def friction_law(e: Evidence) -> list[Check]:
+    from ..blocks.sliding import StickSlip
+
+    x, contact = _rows(e, "x")
+    f = _of(e, StickSlip)
+    k, limit = float(signal(e, f.stiffness)[0]), signal(e, f.limit)
+    words = f"it slips at {limit[0]:g} N, to {f.left * limit[0]:g} N, every {1e3 * (1 - f.left) * limit[0] / k:.4g} mm"
+    return _held(e, "sawtooth over place", [stick_slip(x, contact, k, limit, f.left, e.y[0])], words)
+
+
+def impact_law(e: Evidence) -> list[Check]:
+    from ..blocks.impedance import Velocity
+    from ..blocks.transients import Ring
+
+    x, contact = _rows(e, "x")
+    ring, v = _of(e, Ring), _of(e, Velocity)
+    force, numbers = _wall_of(e, x, contact)
+    speed = np.maximum(laws.squeeze_finger(x, np.zeros(x.size), contact, e.fs, 0.0, 0.0, v.cutoff, 1.0, 0.0).v, 0)
+    events = np.r_[False, (x[1:] > 0) & ~(x[:-1] > 0)]
+    freq, decay = float(signal(e, ring.freq)[0]), float(signal(e, ring.decay)[0])
+    vibration = _amplitude(e, "A") * ringing(events * speed, e.fs, freq, decay)
+    words = f"{int(events.sum())} impacts of up to {speed[events].max(initial=0.0):.3g} m/s; {numbers}"
+    return _held(e, "wall and vibration", [force, vibration], words)

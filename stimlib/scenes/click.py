@@ -1,0 +1,67 @@
+"""A button that clicks: its force falls at the snap, and a vibration says so."""
+
+from __future__ import annotations
+
+from ..blocks import button, ring, rising
+from ..blocks import wall as bottom
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+
+
+def click(
+    peak: float = 2.0,
+    drop: float = 0.4,
+    at: float = 1e-3,
+    back: float = 0.8e-3,
+    travel: float = 2e-3,
+    stiffness: float = 10e3,
+    A: float = 0.3,
+    freq: float = 200.0,
+    decay: float = 0.004,
+    contact: bool = False,
+) -> Scene:
+    """Force of a button over its travel, and a decaying vibration at each snap.
+
+    F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq t); q is 1 from x >= at until
+    x < back, t the time since q rose.
+
+    Parameters
+    ----------
+    peak : float
+        Force at the snap in N, live as ``peak``.
+    drop : float
+        Part of the peak by which the force falls.
+    at, back, travel : float
+        Places in m of the snap, the way back and the bottom.
+    stiffness : float
+        Of the bottom, in N/m.
+    A, freq, decay : float
+        Of the vibration: amplitude in N, live as ``A``; Hz; s.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``force`` in N.
+
+    Raises
+    ------
+    BadValue
+        As of ``button``, ``wall`` and ``ring``.
+
+    References
+    ----------
+    Our own, of the blocks ``button``, ``wall`` and ``ring``; the numbers are no measurement.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import click
+    >>> click(peak=1.0)
+    Scene(x [m], peak [N], A [N] -> force [N])
+    """
+    check_arguments(click, locals())
+    x, touching = Input("x", "m"), Input("contact") if contact else 1.0
+    key = button(x, Param("peak", peak, "N"), drop, at, back, touching)
+    vibration = Param("A", A, "N") * ring(rising(key.pressed), freq, decay)
+    return Scene({"force": key.force + bottom(x, stiffness, at=travel, contact=touching) + vibration}, law="click")

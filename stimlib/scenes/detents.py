@@ -1,0 +1,59 @@
+"""A knob with detents, and the friction of its bearing."""
+
+from __future__ import annotations
+
+from math import pi
+
+from .. import blocks
+from ..core.graph import Input, Param, check_arguments, constant
+from ..core.scene import Scene
+from ..errors import BadValue
+
+
+def detents(
+    count: int = 24, depth: float = 0.02, friction: float = 0.004, presliding: float = 0.01, contact: bool = False
+) -> Scene:
+    """Torque of a knob with regular detents and dry friction: depth sin(count angle) + Coulomb's friction of a spring.
+
+    Parameters
+    ----------
+    count : int
+        Detents in a turn.
+    depth : float
+        Largest torque of the detents in N m, live as ``depth``.
+    friction : float
+        Torque of the friction in N m, live as ``friction``.
+    presliding : float
+        Angle in rad that the friction gives way before it slips, at the ``friction`` given here.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).
+
+    Returns
+    -------
+    Scene
+        Input ``angle`` in rad, output ``torque`` in N m.
+
+    Raises
+    ------
+    BadValue
+        count, friction or presliding not above 0, a depth below 0.
+
+    References
+    ----------
+    Our own, of the blocks ``detents`` and ``friction``; the numbers are no measurement.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import detents
+    >>> detents(count=12)
+    Scene(angle [1], depth [J], friction [J] -> torque [J])
+    """
+    check_arguments(detents, locals())
+    for name, value in (("count", count), ("friction", friction), ("presliding", presliding)):
+        if not value > 0:
+            raise BadValue(f"detents: {name} = {value!r} must be above 0")
+    angle, touching = Input("angle", "rad"), Input("contact") if contact else 1.0
+    drawn = blocks.detents(angle, 2 * pi / count, Param("depth", depth, "N*m"), touching)
+    stiffness, torque = constant(friction / presliding, "N*m"), Param("friction", friction, "N*m")
+    rubbed = blocks.friction(angle, torque, 1.0, stiffness, "coulomb", contact=touching)
+    return Scene({"torque": drawn + rubbed}, law="detents")

@@ -1,0 +1,49 @@
+"""A surface on which a finger sticks and slips."""
+
+from __future__ import annotations
+
+from .. import blocks
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+
+
+def friction(
+    normal: float = 1.0, static: float = 0.8, kinetic: float = 0.5, stiffness: float = 1000.0, contact: bool = False
+) -> Scene:
+    """Force of a finger that sticks like a spring, slips at static normal, and sticks again at kinetic normal.
+
+    Parameters
+    ----------
+    normal : float
+        Normal force in N, live as ``normal``.
+    static, kinetic : float
+        Coefficients of friction at which it slips, and which a slip leaves.
+    stiffness : float
+        Of the finger's pad, in N/m.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``force`` in N.
+
+    Raises
+    ------
+    BadValue
+        As of the block ``stick_slip``.
+
+    References
+    ----------
+    See the block ``stick_slip``; the numbers are no measurement.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import friction
+    >>> friction(static=0.6)
+    Scene(x [m], normal [N] -> force [N])
+    """
+    check_arguments(friction, locals())
+    touching = Input("contact") if contact else 1.0
+    N = Param("normal", normal, "N")
+    return Scene({"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)}, law="friction")

@@ -1,0 +1,57 @@
+"""A hard surface that is tapped: each impact rings, the stronger the faster it was."""
+
+from __future__ import annotations
+
+from .. import blocks
+from ..blocks import maximum, ring, rising, velocity
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+
+
+def impact(
+    k: float = 1000.0, b: float = 0.0, A: float = 20.0, freq: float = 150.0, decay: float = 0.01, cutoff: float = 500.0,
+    contact: bool = False,
+) -> Scene:  # fmt: skip
+    """Force of a wall at x = 0 and, from each impact on, a decaying vibration: A v exp(-t/decay) sin(2 pi freq t).
+
+    v is the velocity of the impact, through two poles; none is felt where it is not above 0.
+
+    Parameters
+    ----------
+    k, b : float
+        Stiffness in N/m, live as ``k``, and damping in N s/m of the wall.
+    A : float
+        Amplitude for a velocity, in N s/m, live as ``A``.
+    freq, decay : float
+        Of the vibration, in Hz and s: low and short for rubber, high and long for metal.
+    cutoff : float
+        Of the velocity, in Hz; below fs/2.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``force`` in N.
+
+    Raises
+    ------
+    BadValue
+        As of the blocks ``wall``, ``ring`` and ``velocity``.
+
+    References
+    ----------
+    Okamura, Dennerlein and Howe, "Vibration feedback models for virtual environments", IEEE Int. Conf. Robotics and Automation
+    (1998): Q(t) = A v exp(-B t) sin(w t). The numbers here are no measurement.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import impact
+    >>> impact(freq=300.0)
+    Scene(x [m], k [N/m], A [N*s/m] -> force [N])
+    """
+    check_arguments(impact, locals())
+    x, touching = Input("x", "m"), Input("contact") if contact else 1.0
+    wall = blocks.wall(x, Param("k", k, "N/m"), b, contact=touching)
+    struck = rising(x) * maximum(velocity(x, cutoff, touching), 0)
+    return Scene({"force": wall + Param("A", A, "N*s/m") * ring(struck, freq, decay)}, law="impact")

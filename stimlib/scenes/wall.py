@@ -1,0 +1,45 @@
+"""A wall: a spring and a damper that push and never pull."""
+
+from __future__ import annotations
+
+from .. import blocks
+from ..core.graph import Input, Param, check_arguments
+from ..core.scene import Scene
+
+
+def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = False) -> Scene:
+    """Force of a stiff wall with a damper beyond a place: F = max(0, k p + b v) where p = x - at > 0.
+
+    Parameters
+    ----------
+    k, b : float
+        Stiffness in N/m and damping in N s/m, live as ``k`` and ``b``.
+    at : float
+        Place of the surface in m.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).
+
+    Returns
+    -------
+    Scene
+        Input ``x`` in m, output ``force`` in N.
+
+    Raises
+    ------
+    BadValue
+        k or b below 0.
+
+    References
+    ----------
+    Colgate and Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14 (1997): the virtual wall.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import wall
+    >>> wall(k=500.0)
+    Scene(x [m], k [N/m], b [N*s/m] -> force [N])
+    """
+    check_arguments(wall, locals())
+    touching = Input("contact") if contact else 1.0
+    force = blocks.wall(Input("x", "m"), Param("k", k, "N/m"), Param("b", b, "N*s/m"), at, contact=touching)
+    return Scene({"force": force}, law="wall")

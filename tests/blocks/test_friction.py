@@ -1,0 +1,220 @@
+"""Friction against its differential equations by another route, its energy, its drift, and what is refused."""
+
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+from hands import hand
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, UnitError, constant
+from stimlib.blocks import delay, elapsed, friction, loop, minimum, oscillator, stick_slip
+
+K, F, ELASTIC = 1000.0, 0.6, 0.7  # N/m, N
+C = F / K
+STATIC, SPEED = 0.9, 0.02  # of Stribeck's curve, in N and m/s
+X, NORMAL = Input("x", "m"), Input("normal", "N")
+LONG = "STIMLIB_STRESS" in os.environ
+LAWS = ("coulomb", "elastoplastic", "dahl", "lugre")
+SLOPES = {  # dz/ds along a way in direction s at speed v, as the papers write it
+    "elastoplastic": lambda z, s, v: 1 - max(0.0, (s * z / C - ELASTIC) / (1 - ELASTIC)),
+    "dahl": lambda z, s, v: 1 - s * z / C,
+    "lugre": lambda z, s, v: 1 - s * z * K / (F + (STATIC - F) * np.exp(-((v / SPEED) ** 2))),
+}
+
+
+def block(law, x=X, normal=1.0, k=K):
+    lugre = {"static": STATIC, "speed": SPEED} if law == "lugre" else {}
+    return friction(x, normal, F, k, law, **lugre)
+
+
+@cache
+def processor(law, fs=8000):
+    """Friction whose normal force, and stiffness in proportion, are inputs."""
+    y = stick_slip(X, NORMAL, F, F / 2, K) if law == "stick_slip" else block(law, X, NORMAL, constant(K, "1/m") * NORMAL)
+    return stimlib.compile(Scene({"F": y}), fs)
+
+
+def force(law, x, normal=1.0, fs=8000):
+    proc = processor(law, fs)
+    proc.reset()
+    rows = {"x": x, "normal": np.broadcast_to(normal, x.shape)}
+    return proc.process(np.array([rows[name] for name in proc.inputs]))[0]
+
+
+def work(law, x, normal=1.0):
+    """Taken from the hand up to each sample."""
+    return np.cumsum(force(law, x, normal) * np.diff(x, prepend=x[0]))
+
+
+# Against the differential equation -----------------------------------------------------------------------------------
+@cache
+def way(name):
+    """A smooth way: a stroke of 80 mm with tremor, or a recorded hand through its places every 10 ms."""
+    t = np.linspace(0, 0.5, 51 if name != "stroke" else 2001)
+    if name == "stroke":
+        return CubicSpline(t, 0.04 * np.sin(2 * np.pi * t) + 1e-4 * np.sin(18 * np.pi * t + 1))
+    return CubicSpline(t, hand(name).motion["x"](4.0 + t))
+
+
+@cache
+def deflections(law, name):
+    """z over time by DOP853, from one turn of the hand to the next."""
+    x = way(name)
+    v = x.derivative()
+    cuts = [0.0, *(r for r in v.roots(extrapolate=False) if 0 < r < 0.5), 0.5]
+    pieces, z = [], 0.0
+    for a, b in zip(cuts, cuts[1:], strict=False):
+        s = np.sign(v((a + b) / 2))
+        r = solve_ivp(lambda t, z, s=s: [v(t) * SLOPES[law](z[0], s, v(t))], (a, b), [z], "DOP853", rtol=1e-12, atol=1e-16,
+            dense_output=True)  # fmt: skip
+        pieces.append(r.sol)
+        z = r.y[0, -1]
+    return cuts, pieces
+
+
+def mean_forces(law, name, fs):
+    """Of k z over the way of each sample in which the hand does not turn, by Gauss' rule; nan elsewhere."""
+    cuts, pieces = deflections(law, name)
+    v = way(name).derivative()
+    node, weight = np.polynomial.legendre.leggauss(8)
+    t = np.arange(1, int(0.5 * fs)) / fs
+    piece = np.searchsorted(cuts, t) - 1
+    want = np.full(t.size + 1, np.nan)
+    for i in np.flatnonzero(piece == np.searchsorted(cuts, t - 1 / fs) - 1):
+        q = t[i] + (node - 1) / (2 * fs)
+        want[i + 1] = K * np.sum(weight * v(q) * pieces[piece[i]](q)[0]) / np.sum(weight * v(q))
+    return want
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [("dahl", "stroke"), ("elastoplastic", "stroke"), ("elastoplastic", "touchpad scrub"), ("lugre", "touchpad scrub")],
+)
+def test_a_law_is_its_differential_equation(law, name):
+    """What is left is a turn inside a sample: with the acceleration a it hides a way of a/(8 fs^2) there, and back."""
+    cuts, _ = deflections(law, name)
+    hidden = np.abs(way(name).derivative(2)(cuts[1:-1])).max() / 4
+    for fs in (1000, 8000):
+        error = np.abs(force(law, way(name)(np.arange(int(0.5 * fs)) / fs), fs=fs) - mean_forces(law, name, fs)) / K
+        assert np.nanmax(error) < hidden / fs**2, f"{np.nanmax(error) / C:.1e} of c at {fs} Hz"
+    straight = np.arange(error.size) / fs < cuts[1]
+    assert np.nanmedian(error[straight]) < 1e-10 * C
+    assert law != "dahl" or np.nanmax(error[straight]) < 1e-9 * C  # the others' have kinks, over which Gauss' rule is not exact
+
+
+def test_coulomb_is_a_play_with_a_spring():
+    """Against the same surface fed with 64 small steps for each sample; where it does not turn, the mean is that of the steps."""
+    rng = np.random.default_rng(1)
+    x = np.cumsum(rng.standard_normal(300)) * 3e-4
+    z, mean = 0.0, []
+    for a, b in zip(x, x[1:], strict=False):
+        for dx in np.diff(np.linspace(a, b, 65)):
+            z, before = np.clip(z + dx, -C, C), z
+            mean.append((z + before) / 2)
+    np.testing.assert_allclose(force("coulomb", x)[1:], K * np.reshape(mean, (-1, 64)).mean(axis=1), atol=1e-3 * F)
+
+
+def test_stick_slip_falls_at_its_places():
+    """Each tooth of (static - kinetic) normal/k, whatever the size of a sample; the mean of whole teeth is known."""
+    tooth = (F - F / 2) / K
+    x = np.r_[0.0, C, C + 0.5 * tooth, C + 0.5 * tooth + 40 * tooth, C + 0.5 * tooth + 40.25 * tooth]
+    y = force("stick_slip", x)
+    np.testing.assert_allclose(y, K * np.array([0.0, C / 2, C - 0.75 * tooth, C - 0.5 * tooth, C - 0.375 * tooth]), atol=1e-13)
+    small, at = force("stick_slip", np.linspace(0.0, x[-1], 40_001)), np.linspace(0.0, x[-1], 40_001)
+    assert abs(np.sum(small[1:] * np.diff(at)) - np.sum(y[1:] * np.diff(x))) < 1e-15
+    np.testing.assert_allclose(force("stick_slip", -x), -y, atol=1e-15)
+
+
+# Energy --------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
+def test_no_motion_and_no_normal_force_takes_energy_out(law):
+    rng = np.random.default_rng(2)
+    x = np.cumsum(rng.standard_normal(100_000)) * rng.choice([1e-6, 3e-5, 1e-3], 100).repeat(1000)
+    for normal in (1.0, np.repeat(rng.uniform(-0.5, 2.0, 10_000), 10)):
+        w = work(law, x, normal)
+        assert w.min() > -1e-15 * w[-1], "J, of what is taken in all"
+        assert w[-1] > 0.1
+
+
+@pytest.mark.parametrize("law", ["coulomb", "elastoplastic"])
+def test_a_stiffness_that_follows_the_normal_force_is_passive(law):
+    """The trap: k in proportion to N, as of fingers; with z kept on a rise, 10 s of this give 0.25 mJ."""
+    t = np.arange(80_000) / 8000
+    x, normal = 1e-4 * np.sin(4 * np.pi * t), 1 - 0.8 * np.sin(8 * np.pi * t)
+    w = work(law, x, 10 * normal)
+    assert w.min() > -1e-18 and 2e-4 < w[-1]
+
+
+# Drift ---------------------------------------------------------------------------------------------------------------
+@cache
+def creep(law):
+    """Way of 50 g held by friction under 0.4 of its limit, shaken by 0.1 of it at 50 Hz, and the seconds that it took."""
+    fs, seconds = 8000, 600 if LONG else 20
+    push = minimum(elapsed() / constant(0.5, "s"), 1.0) * constant(F, "N") * (0.4 + 0.1 * oscillator(50.0))
+
+    def body(x):
+        before = delay(x, samples=1)
+        damped = constant(fs * 1.0, "N/m") * (x - before)
+        return 2.0 * x - before + constant(1 / (fs**2 * 0.05), "m/N") * (push - block(law, x) - damped)
+
+    proc = stimlib.compile(Scene({"x": loop(body, unit="m")}), fs)
+    x = proc.process(np.empty((0, seconds * fs)))[0]
+    return x[-1] - x[2 * fs], seconds - 2
+
+
+@pytest.mark.parametrize(("law", "mm_in_10_min"), [("coulomb", 0), ("elastoplastic", 0), ("dahl", 731), ("lugre", 493)])
+def test_drift(law, mm_in_10_min):
+    """Only the laws that are elastic below break-away stay."""
+    moved, seconds = creep(law)
+    assert abs(moved * 1e3 * 598 / seconds - mm_in_10_min) < (0.02 * mm_in_10_min or 1e-3 * 598 / seconds)
+
+
+# What is refused, and what is held -----------------------------------------------------------------------------------
+REFUSED = {
+    "normal = -1": dict(normal=-1.0),
+    "normal = -2": dict(normal=Param("N", -2.0, "N")),
+    "mu = -0.1": dict(mu=-0.1),
+    "stiffness = 0": dict(stiffness=0.0),
+    "choose one of": dict(law="karnopp"),
+    "elastic = 1": dict(elastic=1.0),
+    "at least mu": dict(static=0.5),
+    "multiply normal": dict(mu=Input("mu"), static=0.9),
+    "speed": dict(static=0.9, speed=0.0),
+    "belong to law='lugre'": dict(damping=1.0),
+    "viscosity = -1": dict(law="lugre", viscosity=-1.0),
+    "must be at least damping": dict(law="lugre", static=0.9, damping=1.0, viscosity=0.49),
+}
+
+
+@pytest.mark.parametrize("says", REFUSED)
+def test_what_makes_no_sense_is_refused(says):
+    with pytest.raises(BadValue, match=says):
+        friction(X, **{"normal": 1.0} | REFUSED[says])
+
+
+def test_a_lugre_that_may_give_energy_is_made_on_demand():
+    for words in ({"viscosity": 0.5}, {"viscosity": 0.0, "passive": False}):
+        assert friction(X, 1.0, 0.6, K, "lugre", static=0.9, damping=1.0, **words).viscosity == words["viscosity"]
+
+
+@pytest.mark.parametrize("words", [{"static": 0.5, "kinetic": 0.5}, {"kinetic": -0.1}, {"static": NORMAL / constant(1.0, "N")}])
+def test_a_slip_makes_the_force_smaller(words):
+    with pytest.raises(BadValue, match="stick_slip"):
+        stick_slip(X, 1.0, **words)
+
+
+def test_units_must_fit():
+    with pytest.raises(UnitError, match="they must be one unit"):
+        friction(Input("angle"), 1.0)
+    assert str(friction(Input("angle"), constant(0.02, "N*m"), stiffness=constant(1.0, "N*m")).dim) == "J"
+
+
+@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
+def test_a_live_normal_force_below_zero_is_no_contact(law):
+    x = 1e-3 * np.arange(40.0)
+    y = force(law, x, np.repeat([1.0, -3.0], 20))
+    assert (y[5:20] > 0.1).all() and not y[20:].any()

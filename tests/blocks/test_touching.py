@@ -1,0 +1,122 @@
+"""Walls, detents and buttons: the mean over a sample against many small ones, their energy, and what is refused."""
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, UnitError, constant
+from stimlib.blocks import button, detents, wall
+
+FS = 8000
+X, LIVE = Input("x", "m"), Input("live", "m")
+MADE = {
+    "wall": wall(X, 1000.0, 5.0, 0.2e-3),
+    "hunt_crossley": wall(X, 1000.0, 0.0, 0.2e-3, hunt_crossley=3.0),
+    "detents": detents(X, 1e-3, 0.8),
+    "button": button(X, 2.0, 0.4, 1e-3, 0.6e-3).force,
+}
+FORCES = {  # at a place x and speed v; a button's depends on its past
+    "wall": lambda x, v: np.where(x > 0.2e-3, np.maximum(0, 1000 * (x - 0.2e-3) + 5 * v), 0),
+    "hunt_crossley": lambda x, v: np.where(x > 0.2e-3, np.maximum(0, 1000 * (x - 0.2e-3) * (1 + 3 * v)), 0),
+    "detents": lambda x, v: 0.8 * np.sin(2 * np.pi * x / 1e-3),
+}
+PROC = stimlib.compile(Scene(MADE), FS)
+
+
+def forces(x):
+    PROC.reset()
+    return dict(zip(MADE, PROC.process(x[None]), strict=True))
+
+
+def walk(n, seed=0):
+    """A hand that wanders around 0.5 mm, by little and by much."""
+    rng = np.random.default_rng(seed)
+    steps = rng.standard_normal(n) * rng.choice([1e-6, 1e-4, 1e-3], n // 50).repeat(50)
+    return 0.5e-3 + 2e-3 * np.sin(np.cumsum(steps) * 1e3)
+
+
+def snapped(x):
+    """Where a button that snaps at 1 mm and comes back at 0.6 mm is pressed."""
+    q, found = 0.0, []
+    for v in x:
+        q = 1.0 if v >= 1e-3 else 0.0 if v < 0.6e-3 else q
+        found.append(q)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_sample_is_the_mean_over_its_way(name):
+    x, fine = walk(400), 2000
+    along = (x[:-1, None] + np.diff(x)[:, None] * (np.arange(fine) + 0.5) / fine).ravel()
+    if name == "button":
+        force = 2.0 * (np.maximum(along, 0) / 1e-3 - 0.4 * snapped(along))
+    else:
+        force = FORCES[name](along, np.repeat(np.diff(x) * FS, fine))
+    mean = force.reshape(-1, fine).mean(axis=1)
+    size = np.abs(force).reshape(-1, fine).max(axis=1) + 1
+    np.testing.assert_array_less(np.abs(forces(x)[name][1:] - mean), 1e-3 * size)
+    np.testing.assert_allclose(forces(np.full(2, 1.3e-3))[name][1], {"wall": 1.1, "hunt_crossley": 1.1, "detents":
+        0.8 * np.sin(2.6 * np.pi), "button": 2.0 * (1.3 - 0.4)}[name], rtol=1e-12)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_no_motion_takes_energy_out(name):
+    """From rest at 0: a wall has at most what was put in, a closed way over detents costs nothing, a button's some."""
+    for seed in (1, 2):
+        x = np.r_[0.0, walk(50_000, seed), 0.0]
+        w = np.cumsum(forces(x)[name] * np.diff(x, prepend=0.0))
+        taken = np.abs(np.diff(w)).sum()
+        assert w.min() > -1e-15 * taken
+        if name == "detents":
+            assert abs(w[-1]) < 1e-15 * taken
+        else:
+            assert w[-1] > 1e-6 * taken
+
+
+def test_a_press_of_a_button_loses_the_drop_over_the_way_back():
+    x = 1e-3 * np.r_[np.linspace(0, 1.4, 31), np.linspace(1.4, 0, 13)]
+    lost = np.sum(forces(x)["button"] * np.diff(x, prepend=0.0))
+    assert lost == pytest.approx(2.0 * 0.4 * 0.4e-3, rel=1e-12)
+    assert forces(1e-3 * np.linspace(-1, 3, 200))["button"].min() >= 0.0
+
+
+def test_a_wall_leaves_without_sticking():
+    """The damper may take the spring away, but nothing pulls."""
+    x = 1e-3 * np.r_[0.0, 1.2, 1.2, np.linspace(1.2, -0.5, 8)]
+    y = forces(x)["wall"]
+    assert y[2] == pytest.approx(1.0) and y.min() == 0.0 and (y[4:] < 1e-12).all()
+
+
+@pytest.mark.parametrize("value", [-1.0, -0.0])
+def test_a_live_stiffness_below_zero_is_no_wall(value):
+    k = LIVE * constant(1.0, "N/m^2")
+    proc = stimlib.compile(Scene({"F": wall(X, k, 5.0), "G": detents(X, 1e-3, LIVE * constant(1.0, "N/m"))}), FS, "python")
+    rows = {"x": 1e-3 * np.r_[0.0, 1.0, 1.0, 0.5], "live": np.full(4, value)}
+    y = proc.process(np.array([rows[n] for n in proc.inputs]))
+    assert y[0, 1] == pytest.approx(5.0 * 8.0) and not y[0, 2:].any()
+
+
+REFUSED = {
+    "wall: k = -1": lambda: wall(X, -1.0),
+    "wall: b = -2": lambda: wall(X, 1.0, Param("b", -2.0, "N*s/m")),
+    "hunt_crossley = -1": lambda: wall(X, hunt_crossley=-1.0),
+    "spacing": lambda: detents(X, 0.0),
+    "depth = -1": lambda: detents(X, 1e-3, -1.0),
+    "peak = -1": lambda: button(X, -1.0),
+    "drop = 1": lambda: button(X, drop=1.0),
+    "Button.at": lambda: button(X, at=0.0),
+    "beyond it gives energy": lambda: button(X, at=1e-3, back=1.1e-3),
+    "before it pulls": lambda: button(X, drop=0.5, at=1e-3, back=0.4e-3),
+}
+
+
+@pytest.mark.parametrize("says", REFUSED)
+def test_what_makes_no_sense_is_refused(says):
+    with pytest.raises(BadValue, match=says):
+        REFUSED[says]()
+
+
+def test_units_must_fit():
+    with pytest.raises(UnitError, match=r"b must be \[N\*s/m\], not \[N\]"):
+        wall(X, 1.0, constant(1.0, "N"))
+    assert str(button(X, constant(1.0, "V")).force.dim) == "V"

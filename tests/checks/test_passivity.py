@@ -1,0 +1,98 @@
+"""The damping that a device needs: against closed forms, against the poles of a device, and what is told of a scene."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib import BadValue, Input, Scene
+from stimlib.analysis.passivity import damping_of, needed_damping
+from stimlib.blocks import button, constant, detents, force_limit, friction, kelvin_voigt, stick_slip, wall, white_noise
+from stimlib.cli.app import app
+
+X = Input("x", "m")
+
+
+def needed(block, fs=8000, **more):
+    return damping_of(stimlib.compile(Scene({"F": block}), fs, "python"), **more).get(("F", "x"))
+
+
+@pytest.mark.parametrize("B", [2.0, -2.0])
+@pytest.mark.parametrize(("fs", "delay"), [(1000, 0.0), (8000, 0.0), (1000, 0.002)])
+def test_a_spring_and_a_difference_are_the_closed_form(B, fs, delay):
+    """K T/2 + |B|, and of a spring that is late K (T/2 + delay)."""
+    K = 1000.0
+    spring_alone = needed_damping(lambda f: np.full(f.shape, K + 0j), fs, delay)
+    assert spring_alone == pytest.approx(K * (0.5 / fs + delay), rel=1e-6)
+    if not delay:
+        damped = needed_damping(lambda f: K + B * fs * (1 - np.exp(-2j * np.pi * f / fs)), fs)
+        assert damped == pytest.approx(K / (2 * fs) + abs(B), rel=1e-6)
+
+
+@pytest.mark.parametrize("late", [0, 3])
+def test_below_it_a_heavy_device_on_a_spring_is_unstable(late):
+    """Mass and damper solved exactly between samples, closed by the spring: the sign of log |pole| changes at the bound."""
+    K, T, m = 1000.0, 1e-3, 2e4
+    for part, stable in ((0.99, False), (1.01, True)):
+        b = part * needed_damping(lambda f: np.full(f.shape, K + 0j), 1 / T, late * T)
+        moved = expm(T * np.array([[0, 1, 0], [0, -b / m, -1 / m], [0, 0, 0]]))
+        A = np.zeros((2 + late + 1, 2 + late + 1))  # place, speed, the samples of force on their way
+        A[:2, :2], A[:2, 2] = moved[:2, :2], moved[:2, 2]
+        A[2:-1, 3:] = np.eye(late)
+        A[-1, :2] = K * moved[0, :2]
+        A[-1, 2] = K * moved[0, 2]
+        assert (np.abs(np.linalg.eigvals(A)).max() < 1) == stable
+
+
+def test_what_is_told_of_a_scene():
+    K, T = 1000.0, 1 / 8000
+    for block, want in (
+        (wall(X, K), K * T),  # the mean over a way is half a sample late: K (T/2 + T/2)
+        (force_limit(2.0 * wall(X, K)), 2 * K * T),
+        (wall(X, K, 3.0), 3.0),
+        (detents(X, 1e-3, 0.5), 2 * np.pi * 0.5 / 1e-3 * T),
+        (button(X, 2.0, at=1e-3).force, 2000.0 * T),
+        (friction(X, 1.0, stiffness=K), K * T),
+        (stick_slip(X, 1.0, stiffness=K) + friction(X, 1.0, stiffness=K), 2 * K * T),
+        (friction(X, 1.0, 0.5, K, static=0.7, speed=0.02), 0.2 * np.sqrt(2 / np.e) / 0.02 + K * T),
+        (friction(X, 1.0, 0.5, K, "lugre", static=0.7, damping=0.1, viscosity=20.0), 20.1 - 0.2 * np.sqrt(2 / np.e) / 0.02),
+    ):
+        assert needed(block) == pytest.approx(want, rel=1e-6), block
+    for block in (
+        wall(X, hunt_crossley=1.0),
+        wall(X, Input("k", "N/m")),
+        X * X * constant(1.0, "N/m^2"),
+        constant(1.0, "N") * X / X,
+    ):
+        assert needed(block) is None
+    assert needed(wall(X, K), delay=1e-3) == pytest.approx(K * (T + 1e-3), rel=1e-6)
+
+
+@pytest.mark.parametrize(("fs", "delay", "want"), [(8000, 0, 0.31), (1000, 0, 0.83), (8000, 3e-3, 3.3)])
+def test_a_kelvin_voigt_element(fs, delay, want):
+    assert needed(kelvin_voigt(X, 1000.0, 2.0), fs, delay=delay) == pytest.approx(want, rel=0.03)
+
+
+def test_show_warns(tmp_path):
+    for block, text in ((wall(X, 1000.0), "F over x is passive only in a device with damping of 0.125 N*s/m"), (X, None)):
+        Scene({"F": block + (constant(0.1, "N") if text else constant(0.1, "m")) * white_noise(1)}).save(tmp_path / "a.json")
+        done = CliRunner().invoke(app, ["show", str(tmp_path / "a.json")])
+        assert done.exit_code == 0 and ("warning" in done.output) == bool(text) and (text or "") in done.output
+
+
+def test_show_tells_it_as_data(tmp_path):
+    Scene({"F": wall(X, 1000.0)}).save(tmp_path / "a.json")
+    done = CliRunner().invoke(app, ["show", str(tmp_path / "a.json"), "--json"])
+    (told,) = json.loads(done.output)["passivity"]
+    assert told == {"output": "F", "input": "x", "needed_damping": pytest.approx(0.125, rel=1e-6)}
+
+
+@pytest.mark.parametrize("words", [{"fs": 0.0}, {"fs": 1e3, "delay": -1.0}, {"fs": 1e3, "delay": np.inf}])
+def test_numbers_that_make_no_sense_are_refused(words):
+    with pytest.raises(BadValue, match="needed_damping: "):
+        needed_damping(lambda f: f + 0j, **words)
+    with pytest.raises(BadValue, match="not finite at"):
+        needed_damping(lambda f: f * np.nan, 1000.0)

@@ -1,0 +1,112 @@
+"""The laws of the everyday scenes: they hold of what is rendered, and catch what is slightly off."""
+
+import os
+
+import numpy as np
+import pytest
+from correct import hand
+
+import stimlib
+from stimlib.blocks import sliding, touching
+from stimlib.blocks.transients import Ring
+from stimlib.checks import touch
+from stimlib.motion.generators import sinusoid
+from stimlib.scenes import click, detents, friction, impact, wall
+
+LIFTS = {"contact": lambda t: 1.0 * (np.sin(37 * t) > -0.6)}
+CASES = {
+    "click": (click, {"x": sinusoid(1.3e-3, 3.0, 1e-3)}, {"peak": 1.5}),
+    "detents": (detents, {"angle": sinusoid(1.0, 2.0)}, {"depth": 0.03}),
+    "friction": (friction, {"x": sinusoid(0.02, 2.0)}, {"normal": 0.7}),
+    "wall": (wall, {"x": sinusoid(2e-3, 5.0)}, {"b": 3.0}),
+    "impact": (impact, {"x": sinusoid(5e-3, 3.0)}, {"A": 7.0}),
+}
+
+
+def report(name, contact=False, fs=4000, seconds=0.6, **words):
+    make, motion, params = CASES[name]
+    scene, motion = make(contact=contact, **words), motion | (LIFTS if contact else {})
+    return stimlib.verify(scene, motion, stimlib.render(scene, motion, fs, seconds, params))
+
+
+@pytest.mark.parametrize("contact", [False, True])
+@pytest.mark.parametrize("name", CASES)
+def test_a_scene_is_proved(name, contact):
+    r = report(name, contact)
+    assert r.passed, str(r)
+    assert any("written again" in c.text for c in r.checks) and np.ptp(r.evidence.y) > 0.01
+
+
+OFF = {  # a number of a design one per mille off
+    "click": (touching.Button, "drop"),
+    "detents": (touching.Detents, "per"),
+    "friction": (sliding.StickSlip, "left"),
+    "wall": (touching.Wall, "fs"),
+    "impact": (Ring, "per"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_number_one_per_mille_off_is_caught(monkeypatch, name):
+    owner, field = OFF[name]
+    honest = owner.design
+
+    def design(self, fs):
+        p, s = honest(self, fs)
+        return p._replace(**{field: getattr(p, field) * 1.001}), s
+
+    monkeypatch.setattr(owner, "design", design)
+    assert "d" in {c.group for c in report(name).checks if not c.passed}
+
+
+def test_places_that_are_slips_to_rounding_are_proved():
+    """A hand read in steps of 0.1 mm over teeth of 0.3 mm, which stands still there."""
+    scene, motion = friction(), {"x": lambda t: 1e-4 * np.round(100 * np.sin(5 * t))}
+    r = stimlib.verify(scene, motion, stimlib.render(scene, motion, 1000, 2.0))
+    assert r.passed, str(r)
+
+
+def test_a_law_says_of_another_wall_that_it_does_not_know_it():
+    x = stimlib.Input("x", "m")
+    scene = stimlib.Scene({"force": stimlib.blocks.wall(x, hunt_crossley=1.0)}, law="wall")
+    r = stimlib.verify(scene, CASES["wall"][1], stimlib.render(scene, CASES["wall"][1], 4000, 0.2))
+    (bad,) = [c for c in r.checks if not c.passed]
+    assert bad.name == "shape of the scene" and "grows with the depth" in bad.text
+
+
+def test_the_laws_are_the_blocks_formulas_by_another_route():
+    x = np.array([0.0, 0.5, 1.5, 1.5, 0.9, 0.7]) * 1e-3
+    force, pressed = touch.button(x, np.ones(6), 2.0, 0.5, 1e-3, 0.8e-3)
+    np.testing.assert_allclose(force, [0, 0.5, 1.5, 2.0, 1.4, 1.1], atol=1e-12)
+    assert pressed.tolist() == [False, False, True, True, True, False]
+
+
+SIZES = {"click": 3e-3, "detents": 3.0, "friction": 0.03, "wall": 5e-3, "impact": 5e-3}  # of a hand
+
+
+@pytest.mark.parametrize("seed", range(40 if "STIMLIB_STRESS" in os.environ else 2))
+@pytest.mark.parametrize("name", CASES)
+def test_no_correct_rendering_is_doubted(name, seed):
+    """Hands that move, hold, wobble by a code or come in codes, off and on contact, at any rate and with other numbers."""
+    rng = np.random.default_rng([seed, len(name)])
+    make, motion, params = CASES[name]
+    fs, contact = float(rng.choice([2000, 8000, 48000])), bool(rng.integers(2))
+    (x,) = motion
+    sources = {x: hand(rng, SIZES[name])} | (LIFTS if contact else {})
+    scene = make(contact=contact)
+    given = {p: v * rng.uniform(0.3, 1.0) for p, v in params.items()}
+    rendering = stimlib.render(scene, sources, fs, min(1.0, 10_000 / fs), given)
+    r = stimlib.verify(scene, sources, rendering)
+    assert r.passed, str(r)
+
+
+@pytest.mark.parametrize("wobble", [0.0, 1e-18, 1e-12])
+@pytest.mark.parametrize("name", CASES)
+def test_a_held_hand_on_an_edge_is_proved(name, wobble):
+    make = CASES[name][0]
+    (x,) = CASES[name][1]
+    for place in (0.0, 1e-3, 0.8e-3):
+        sources = {x: place + wobble * np.sin(np.arange(400) / 5)}
+        scene = make()
+        r = stimlib.verify(scene, sources, stimlib.render(scene, sources, 2000))
+        assert r.passed, str(r)
