@@ -322,6 +322,15 @@ WORDS = {
     "white noise, brought to the rate by a windowed sinc (Culbertson, Unwin and Kuchenbecker 2014)",
     "grating": "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean over the movement of a "
     "sample; n is noise over place with a spectrum of 1/f^slope (after Wiertlewski, Lozada and Hayward 2011)",
+    "click": "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq t), each a mean over the "
+    "movement of a sample; q is 1 from x >= at until x < back, t the time since q rose (our own)",
+    "detents": "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement of a sample (our own)",
+    "friction": "F is that of a spring that a finger drags: it slips at static normal and sticks again at kinetic normal, a mean "
+    "over the movement of a sample (our own)",
+    "wall": "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth and v its velocity (Colgate and "
+    "Schenkel 1997)",
+    "impact": "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u the velocity of the impact (after "
+    "Okamura, Dennerlein and Howe 1998)",
 }
 """Each law for a reader who has the paper beside it."""
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
