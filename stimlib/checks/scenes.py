@@ -327,9 +327,9 @@ WORDS = {
     "detents": "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement of a sample (our own)",
     "friction": "F is that of a spring that a finger drags: it slips at static normal and sticks again at kinetic normal, a mean "
     "over the movement of a sample (our own)",
-    "wall": "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth and v its velocity (Colgate and "
+    "wall": "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v its velocity (Colgate and "
     "Schenkel 1997)",
-    "impact": "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u the velocity of the impact (after "
+    "impact": "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its velocity (after "
     "Okamura, Dennerlein and Howe 1998)",
 }
 """Each law for a reader who has the paper beside it."""
