@@ -28,12 +28,26 @@ _HOME = {
     "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
     "MissingPackage": "errors",
 }  # fmt: skip
-_ROOMS = ("core", "design", "blocks", "scenes", "motion", "run", "files", "devices", "fitting", "analysis", "checks", "sweep")
+_ROOMS = (
+    "core",
+    "design",
+    "blocks",
+    "soft",
+    "scenes",
+    "motion",
+    "run",
+    "files",
+    "devices",
+    "fitting",
+    "analysis",
+    "checks",
+    "sweep",
+)
 
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, run, scenes, sweep
+    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, run, scenes, soft, sweep
     from .analysis.draw import draw
     from .checks.verify import verify
     from .core.bounds import limits

@@ -640,6 +640,39 @@ TABLE += [
 ]  # fmt: skip
 
 
+# Soft objects --------------------------------------------------------------------------------------------------------
+SOFT_MAP = np.array([[0.0, 0.1, 0.3, 0.1], [0.2, 0.9, 1.0, 0.2], [0.0, 0.4, 0.7, 0.0]]), 0.03, 0.02
+
+
+def finger(rng, n, fs):
+    """A few strokes over two centimetres."""
+    return 0.01 * (1 + np.sin(2 * np.pi * rng.uniform(3, 9) * np.arange(n) / fs + rng.uniform(0, 6)))
+
+
+def heard(place, *, wait=0.0):
+    return place.x - 0.25 * place.y + (constant(2.0, "m/s") * (place.wait + place.lag) if wait else 0.0)
+
+
+TABLE += [
+    Entry("stiffness_map", "Minimum", lambda x, y: b.stiffness_map(x, y, SOFT_MAP), (finger, normal), unit="m"),
+    Entry("cursor", "Cursor", lambda x, y: heard(b.cursor(x, y, SOFT_MAP)), (finger, finger), unit="m"),
+    Entry("cursor_contact", "Cursor", lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, contact=c > 0.0)), (finger, finger, touch),
+        unit="m"),
+    Entry("cursor_frames", "CursorFrames", lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, "frames", c > 0.0, frame=0.0021)),
+        (finger, finger, touch), unit="m", edges=True),
+    Entry("avatar", "DelayAvatar",
+        lambda x, y, c: heard(b.delay_avatar(x, y, constant(30.0, "N/m") * x, contact=c > 0.0, most=0.02), wait=1),
+        (finger, finger, touch), unit="m", edges=True),
+    Entry("avatar_frames", "FrameAvatar",
+        lambda x, y, c: heard(
+            b.delay_avatar(x, y, constant(30.0, "N/m") * x, "frames", c > 0.0, frame=0.0021, notice=0.01), wait=1),
+        (finger, finger, touch), unit="m", edges=True),
+    Entry("vibration", "Vibration", lambda e: b.vibration(constant(0.01, "s") * abs(e), 0.71), (sparse,), edges=True),
+    Entry("dent", "Dent", lambda x, d: b.deformation([x, 0.5 * x], [d, 0.7 * d]), (finger, finger), unit="m", edges=True),
+    Entry("indentation", "Minimum", lambda f: b.indentation(b.press(f), b.clip(f, 0.0, 1.0)), (normal,), edges=True),
+]  # fmt: skip
+
+
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):

@@ -123,6 +123,18 @@ def slope_along(p, k, t):
     return spline_slope(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
 
 
+def bicubic(p, x, y):
+    """Value, slope along x and along y of the spline with these GridParams."""
+    i, a, dx = piece(x, p.x0, p.px, p.nx)
+    j, b, dy = piece(y, p.y0, p.py, p.ny)
+    k, m, bad = i * p.width + j, p.width, spoiled(x, y)
+    c0, c1, c2, c3 = along(p, k, b), along(p, k + m, b), along(p, k + 2.0 * m, b), along(p, k + 3.0 * m, b)
+    d0, d1 = slope_along(p, k, b), slope_along(p, k + m, b)
+    d2, d3 = slope_along(p, k + 2.0 * m, b), slope_along(p, k + 3.0 * m, b)
+    value, tilt = spline(c0, c1, c2, c3, a), spline(d0, d1, d2, d3, a)
+    return value + bad, spline_slope(c0, c1, c2, c3, a) * dx + bad, tilt * dy + bad
+
+
 def spline_coefficients(v: np.ndarray) -> np.ndarray:
     """Along the first axis, of the cubic spline through values 1 apart (not-a-knot): c = v - v''/6, and one more at each end."""
     from scipy.interpolate import CubicSpline
@@ -147,14 +159,7 @@ class CubicGrid(Grid):
 
     @staticmethod
     def step(p, s, x, y):
-        i, a, dx = piece(x, p.x0, p.px, p.nx)
-        j, b, dy = piece(y, p.y0, p.py, p.ny)
-        k, m, bad = i * p.width + j, p.width, spoiled(x, y)
-        c0, c1, c2, c3 = along(p, k, b), along(p, k + m, b), along(p, k + 2.0 * m, b), along(p, k + 3.0 * m, b)
-        d0, d1 = slope_along(p, k, b), slope_along(p, k + m, b)
-        d2, d3 = slope_along(p, k + 2.0 * m, b), slope_along(p, k + 3.0 * m, b)
-        value, tilt = spline(c0, c1, c2, c3, a), spline(d0, d1, d2, d3, a)
-        return (value + bad, spline_slope(c0, c1, c2, c3, a) * dx + bad, tilt * dy + bad), s
+        return bicubic(p, x, y), s
 
 
 def plain(name: str, v, *axes: Block) -> np.ndarray:

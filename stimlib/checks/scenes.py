@@ -13,7 +13,7 @@ from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
 from ..errors import SceneError
 from ..run.processor import compile
 from ..run.walk import samples
-from . import laws, surfaces, touch
+from . import laws, soft, surfaces, touch
 from .evidence import Check, Evidence, Tap, live, signal
 
 TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
@@ -344,6 +344,7 @@ SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
     "friction": touch.friction_law,
     "wall": touch.wall_law,
     "impact": touch.impact_law,
+    "soft_surface": soft.soft_surface,
 }
 
 

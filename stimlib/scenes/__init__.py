@@ -6,13 +6,15 @@ from .detents import detents
 from .friction import friction
 from .grating import grating
 from .impact import impact
+from .soft_surface import soft_surface
 from .squeeze import squeeze
 from .texture import texture
 from .viscoelastic import viscoelastic
 from .wall import wall
 
 __all__ = [
-    "bumps", "bumps_set", "click", "detents", "friction", "grating", "impact", "squeeze", "texture", "viscoelastic", "wall",
+    "bumps", "bumps_set", "click", "detents", "friction", "grating", "impact", "soft_surface", "squeeze", "texture",
+    "viscoelastic", "wall",
 ]  # fmt: skip
 
 SHIPPED = {
@@ -26,5 +28,6 @@ SHIPPED = {
     "friction": friction,
     "wall": wall,
     "impact": impact,
+    "soft_surface": soft_surface,
 }
 """What the command line calls a scene, by name; the default of every argument is the paper's, where there is one."""

@@ -205,7 +205,7 @@ def test_a_surface_that_is_slightly_another_is_caught(monkeypatch, owner, field)
     assert bad == ["force: gratings and roughness of the place"]
 
 
-@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture"])
+@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"])
 def test_a_law_on_a_scene_of_another_shape_fails_and_says_so(law):
     scene = stimlib.Scene({"voltage": 2 * stimlib.Input("x")}, law=law)
     r = report(scene, {"x": sinusoid(1.0, 1.0)}, seconds=0.1)

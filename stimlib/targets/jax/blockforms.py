@@ -18,9 +18,11 @@ from jax import lax
 
 from ...blocks import fractional as pot
 from ...blocks import noise, thesis
+from ...blocks.avatar import DelayAvatar
 from ...blocks.bump import sinpi
 from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.creep import KelvinChain
+from ...blocks.cursor import Cursor
 from ...blocks.delay import Delay
 from ...blocks.filters import Cascade
 from ...blocks.fir import Fir
@@ -487,6 +489,7 @@ LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
     Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
     SpatialNoise: placeforms.spatial_noise,
+    Cursor: signalforms.cursor, DelayAvatar: signalforms.avatar,
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,

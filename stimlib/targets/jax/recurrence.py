@@ -106,7 +106,7 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
     if any(np.ndim(v) for v in first):
         if step.__module__ is not None:
             raise SceneError(f"{step.__qualname__} keeps an array as state: it needs a lowering of its own for JAX")
-        return _scan_arrays(f, p, first, x, n)
+        return scan_arrays(f, p, first, x, n)
     make = type(first)
     s0 = [jnp.asarray(v) for v in first]
 
@@ -156,7 +156,7 @@ class Line:
         self.a = lax.dynamic_update_index_in_dim(self.a, jnp.asarray(v, self.a.dtype), i, 0)  # at[i].set would take 1 us
 
 
-def _scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
+def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
     """A step whose state has arrays, sample by sample: a loop with a delay in it."""
     make = type(first)
     s0 = [jnp.asarray(v) for v in first]

@@ -1,4 +1,4 @@
-"""How filters and rings run over whole signals under JAX: as recursions that are linear in their states."""
+"""How some families run over whole signals under JAX: filters and rings as recursions that are linear in their states."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ...blocks.cursor import ratio
+from ...blocks.grid import spline, spline_slope
 from ...blocks.transients import turn, turned
-from .recurrence import affine, run_step
+from . import traced
+from .recurrence import affine, run_step, scan_arrays
 
 
 def cascade(b, p, s, x, run):
@@ -32,3 +35,44 @@ def turning(p, s, event, freq, decay):
 
 def ring(b, p, s, x, run):
     return run_step(turning, p, s, x, run.n)
+
+
+def avatar(b, p, s, x, run):
+    """Sample by sample, for its history is read anywhere."""
+    return scan_arrays(traced.bind(b.step), traced.on_arrays(p), s, x, run.n)
+
+
+def cursor(b, p, s, x, run):
+    """Sample by sample; the ratio's derivative is that of Newton's last step, which is the implicit function's."""
+    table, one = jnp.asarray(p.c).reshape(-1, int(p.width)), np.eye(4)
+
+    def cell(v, per, n):
+        held = jnp.clip(v * per, 0.0, n)
+        i = jnp.minimum(lax.stop_gradient(jnp.floor(held)), n - 1.0)
+        w, d = (jnp.stack([f(row[0], row[1], row[2], row[3], held - i) for row in one]) for f in (spline, spline_slope))
+        return i.astype(jnp.int64), w, d, jnp.where(held == v * per, per, 0.0)
+
+    def level(x, y):
+        (i, wx, dx, free_x), (j, wy, dy, free_y) = cell(x, p.px, p.nx), cell(y, p.py, p.ny)
+        near = lax.dynamic_slice(table, (i, j), (4, 4))
+        S, sx, sy = wx @ near @ wy, dx @ near @ wy, wx @ near @ dy
+        inside = jnp.where((S > 0.0) & (S < 1.0), 1.0, 0.0)
+        return jnp.clip(S, 0.0, 1.0), free_x * inside * sx, free_y * inside * sy
+
+    def better(c, x, y, dx, dy):
+        S, sx, sy = level(x + 0.5 * c * dx, y + 0.5 * c * dy)
+        slope = -2.1 / (1.1 * (1.0 + S) ** 2) * 0.5 * (sx * dx + sy * dy)
+        return jnp.clip(c - (ratio(S) - c) / (slope - 1.0), 1.0 / 22.0, 1.0)
+
+    def step(s, row):
+        px, py, contact = row
+        place = s.x, s.y, px - s.px, py - s.py
+        still = lax.stop_gradient(place)
+        c = lax.fori_loop(0, 5, lambda _, c: better(c, *still), ratio(level(*still[:2])[0]))
+        c = better(lax.stop_gradient(c), *place)
+        on, fresh = contact > 0.0, s.cold > 0.0
+        x, y = (jnp.where(on, jnp.where(fresh, p, at + c * d), at) for p, at, d in ((px, s.x, place[2]), (py, s.y, place[3])))
+        return s._replace(x=x, y=y, px=px, py=py, cold=jnp.where(on, 0.0, 1.0)), (x, y)
+
+    first = type(s)(*(jnp.asarray(v, jnp.float64) for v in s))
+    return lax.scan(step, first, [jnp.broadcast_to(v, (run.n,)).astype(jnp.float64) for v in x])[1]

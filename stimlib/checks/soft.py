@@ -1,0 +1,243 @@
+"""The laws of soft surfaces, written here on their own: the map by FITPACK's spline, the avatars step by step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks.avatar import DelayAvatar, FrameAvatar, Vibration
+from ..blocks.cursor import Cursor, CursorFrames
+from ..blocks.grid import CubicGrid
+from ..core.graph import Const, reach
+from ..errors import SceneError
+from .evidence import Check, Evidence, live, signal
+
+Row = NDArray[np.float64]
+
+
+def table_of(b: Any) -> tuple[Row, float, float]:
+    """Levels, one row for each y, width and height of the map that a block has."""
+    if isinstance(b, CubicGrid):
+        width, height = b.spacing * (np.array(b.table.shape) - 1)
+        return b.table.T, float(width), float(height)
+    return b.levels, b.width, b.height
+
+
+def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
+    """S(x, y) of a table; it is held at the edges and between 0 and 1."""
+    from scipy.interpolate import RectBivariateSpline
+
+    rows, columns = table.shape
+    y, x = np.linspace(0, height, rows), np.linspace(0, width, columns)
+    spline = RectBivariateSpline(y, x, table, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)
+    return lambda px, py: np.clip(spline.ev(np.clip(py, 0, height), np.clip(px, 0, width)), 0, 1)
+
+
+def speed_ratio(S: Any) -> Any:
+    """Eq. (1)'s step from 0 to S over that from 0 to 0."""
+    return (1.1 - S) / (1 + S) / 1.1
+
+
+def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The first samples of contacts."""
+    return on & ~np.r_[False, on[:-1]]
+
+
+def reversible(S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_]) -> tuple[float, int]:
+    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and stands; and steps too long to judge."""
+    ds, dp = np.diff([x, y]), np.diff([px, py])
+    g = speed_ratio(S((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2))
+    moves = on[1:] & on[:-1]
+    h = 1e-6  # in m: the steepest slope of g along each step, for beyond it there may be several middles
+    along = dp / np.maximum(np.hypot(*dp), 1e-300)
+    ends = [
+        speed_ratio(S(x[:-1] + k * dp[0] + s * h * along[0], y[:-1] + k * dp[1] + s * h * along[1]))
+        for k in (0, 0.5, 1)
+        for s in (-1, 1)
+    ]
+    steep = np.max([np.abs(b - a) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)], axis=0, initial=0.0)
+    long = moves & (np.hypot(*dp) * steep > 0.5)
+    scale = max(float(np.abs(dp[:, moves]).max(initial=0.0)), 1e-6)
+    wrong = np.abs(ds - g * dp)[:, moves & ~long].max(initial=0.0) / scale
+    begin = starts(on)
+    jump = max(np.abs(x - px)[begin].max(initial=0.0), np.abs(y - py)[begin].max(initial=0.0))
+    still = np.abs(ds[:, ~on[1:]]).max(initial=0.0)
+    return float(max(wrong, jump / scale, still / scale)), int(long.sum())
+
+
+def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: float, bounds: tuple[float, float]) -> Row:
+    """Eq. (1) to the letter: where the cursor must be, shape (2, n), each step from where it was seen; frame is in samples."""
+    out, here, last_hand = seen[:, [0, *range(on.size - 1)]], np.zeros(2), np.zeros(2)
+    due, speed, last = 0.0, 1.0, 0.0
+    for n in np.flatnonzero(on):
+        here = seen[:, n - 1]
+        if n == 0 or not on[n - 1]:
+            out[:, n] = last_hand = hand[:, n]
+            last, speed, due = float(S(*last_hand)), 1.0, n + frame
+        elif n > due - 0.5:
+            level = float(S(*here))
+            change = abs(level - last)
+            if change > 1e-9:  # the levels' rounding is no step
+                speed = speed * (1.1 - level) / (1 + change) if level > last else speed / (1.1 - change)
+            speed = min(max(speed, bounds[0]), bounds[1])
+            out[:, n] = here + speed * (hand[:, n] - last_hand)
+            last_hand, last, due = hand[:, n], level, max(due, n - 0.5) + frame
+    if not on[0]:
+        out[:, 0] = 0.0
+    return out
+
+
+def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row]:
+    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the places of the avatar (2, n) and the waits due.
+
+    What stops it next depends on when it stopped before, so a rounding grows from stop to stop: each is held against those seen.
+    """
+    x, y, f = (r.tolist() for r in rows)
+    n, most = len(x), b.most * fs
+    out, due = np.zeros((2, n)), np.zeros(n)
+    lag = owed = low = 0.0
+    here = (0.0, 0.0)
+    for k in range(n):
+        if on[k]:
+            first = k == 0 or not on[k - 1]
+            stop = 0.0 if first else min(owed, 1.0)
+            owed = 0.0 if first else owed - stop
+            lag = 0.0 if first else min(max(lag + stop - (1 - stop) * b.catch_up, 0.0), most)
+            i = k - math.ceil(lag)
+            j, w = min(i + 1, k), math.ceil(lag) - lag
+            here = (x[i] + w * (x[j] - x[i]), y[i] + w * (y[j] - y[i]))
+            force = f[i] + w * (f[j] - f[i])
+            low = force if first else low
+            rise = force - low
+            asked = max(0.0, min(b.per_newton * rise * fs, most - lag - owed)) / fs if rise > 0 else 0.0
+            near = abs(rise - b.notice) <= 1e-8 * (b.notice + abs(force))  # either will do
+            stops = waits[k] > 0 if near else rise > b.notice
+            due[k] = asked if stops else 0.0
+            owed += waits[k] * fs
+            low = force if stops else min(low, force)
+        out[:, k] = here
+    return out, due
+
+
+def delayed_by_frames(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row]:
+    """Eq. (3) to the letter; see ``delayed``."""
+    x, y, f = rows
+    out, due = np.zeros((2, x.size)), np.zeros(x.size)
+    ends, last, here = 0.0, 0.0, (0.0, 0.0)
+    for k in range(x.size):
+        first = on[k] and (k == 0 or not on[k - 1])
+        if first or (on[k] and k > ends - 0.5):
+            rise = 0.0 if first else f[k] - last
+            near = abs(rise - b.notice) <= 1e-8 * (b.notice + abs(f[k]))  # either will do
+            due[k] = b.per_newton * rise if (waits[k] > 0 if near else rise > b.notice) else 0.0
+            ends = (k if first else max(ends, k - 0.5)) + (b.frame + waits[k]) * fs
+            last, here = f[k], (x[k], y[k])
+        out[:, k] = here
+    return out, due
+
+
+def motor(waits: Row, fs: float, factor: float) -> Row:
+    """1 for as many whole ms as each wait asks for, one after the other."""
+    out, left = np.zeros(waits.size), 0.0
+    for k, wait in enumerate(waits):
+        left += math.floor(1000 * factor * wait + 0.5) * fs / 1000
+        out[k] = left >= 0.5
+        left = max(left - 1.0, 0.0)
+    return out
+
+
+def soft_surface(e: Evidence) -> list[Check]:
+    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and the numbers in the graph."""
+    blocks = reach(e.scene.outputs.values())
+    rows = {name: e.x[k] for k, name in enumerate(e.proc.inputs)}
+    got = dict(zip(e.scene.outputs, e.y, strict=True))
+    hand, pen = np.array([rows["x"], rows["y"]]), "press" in rows
+    on = rows["contact"] > 0 if "contact" in rows else rows["press"] > 0 if pen else np.ones(e.x.shape[1], bool)
+    table, width, height = table_of(next(b for b in blocks if isinstance(b, (CubicGrid, Cursor, CursorFrames))))
+    e.numbers.append(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
+    S = levels(table, width, height)
+    force = np.where(on, 0.1008 * np.exp(4.2081 * rows["press"]) if pen else live(e, "push"), 0.0)
+    checks = [_near(e, "force", got["force"], force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
+    checks += _triangle(e, got, hand) if "x3" in got else _avatar(e, got, blocks, S, hand, on)
+    for i in range(1, 4):
+        if f"depth{i}" in got:
+            softest, hardest, deepest = _springs(e.scene.outputs[f"depth{i}"])
+            k = softest + (hardest - softest) * S(got[f"x{i}"], got[f"y{i}"])
+            want = np.minimum(force / (3 if "x3" in got else 1) / k, deepest)
+            checks.append(_near(e, f"depth{i}", got[f"depth{i}"], want, 1e-10, f"f/k, {softest:g} to {hardest:g} N/m"))
+    return checks
+
+
+def _triangle(e: Evidence, got: dict[str, Row], hand: Row) -> list[Check]:
+    """Three places around the hand, as far from it as the first is at its farthest."""
+    arm = float(np.hypot(got["x1"] - hand[0], got["y1"] - hand[1]).max())
+    e.numbers.append(f"triangle of {1e3 * arm * math.sqrt(3):.4g} mm")
+    checks = []
+    for i in range(3):
+        a = math.pi / 2 + 2 * math.pi * i / 3
+        for name, row, way in ((f"x{i + 1}", hand[0], math.cos(a)), (f"y{i + 1}", hand[1], math.sin(a))):
+            checks.append(_near(e, name, got[name], row + arm * way, 1e-12, "of a triangle about the hand"))
+    return checks
+
+
+def _avatar(e: Evidence, got: dict[str, Row], blocks: list, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Check]:
+    """The one avatar: at the hand, behind it, or slower."""
+    avatar: Any = next((b for b in blocks if isinstance(b, (Cursor, CursorFrames, DelayAvatar, FrameAvatar))), None)
+    checks: list[Check] = []
+    places, text = hand, "the hand itself"
+    if isinstance(avatar, Cursor):
+        error, long = reversible(S, got["x1"], got["y1"], hand[0], hand[1], on)
+        if long:
+            e.skipped.append(f"x1, y1: {long} steps of the hand are too long for one middle")
+        return [Check("d", "x1, y1: steps of the reversible cursor", error, 1e-9, "of the largest step")]
+    if isinstance(avatar, CursorFrames):
+        seen, bounds = np.array([got["x1"], got["y1"]]), (avatar.slowest, avatar.fastest)
+        places, text = by_frames(S, seen, hand, on, avatar.frame * e.fs, bounds), "eq. (1), frame by frame"
+    elif avatar is not None:
+        lagging, checks = _waits(e, got, blocks, avatar, S, hand, on)
+        if "vibration" not in got:
+            places, text = lagging, "the hand of some time ago"
+    return [*checks, *(_near(e, name, got[name], row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True))]
+
+
+def _waits(
+    e: Evidence, got: dict[str, Row], blocks: list, avatar: Any, S: Callable, hand: Row, on: NDArray[np.bool_]
+) -> tuple[Row, list[Check]]:
+    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for as long as eq. (3) says."""
+    tangent = _number(avatar, "force", "a")
+    e.numbers.append(f"{tangent:g} N tangential at S = 1, {1e3 * avatar.per_newton:g} ms/N, noticed from {avatar.notice:g} N")
+    law = delayed if isinstance(avatar, DelayAvatar) else delayed_by_frames
+    waits = signal(e, avatar.wait)
+    places, due = law((*hand, tangent * S(*hand)), waits, on, e.fs, avatar)
+    checks = [Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")]
+    if "vibration" in got:
+        factor = next(b.factor for b in blocks if isinstance(b, Vibration))
+        wrong = float(np.sum(motor(waits, e.fs, factor) != got["vibration"]))
+        checks.append(Check("e", "vibration: as long as the delays", wrong, 0, "samples"))
+    return places, checks
+
+
+def _near(e: Evidence, name: str, got: Row, want: Row, tol: float, text: str) -> Check:
+    """One row against what it must be, of its size; the page shows both."""
+    size = max(float(np.abs(want).max(initial=0.0)), 1e-300)
+    e.wanted[name] = lambda: (want, tol * size)
+    return Check("d", f"{name}: {text}", float(np.abs(got - want).max(initial=0.0)) / size, tol, "of its largest value")
+
+
+def _springs(root: Any) -> tuple[float, float, float]:
+    """Softest, hardest (N/m) and deepest (m) of an indentation, as they stand in the graph."""
+    softest = _number(root, "a", "b", "a")
+    return softest, softest + _number(root, "a", "b", "b", "a"), _number(root, "b")
+
+
+def _number(b: Any, *way: str) -> float:
+    """The plain number at the end of a way through the graph."""
+    for name in way:
+        b = getattr(b, name, None)
+    if not isinstance(b, Const):
+        raise SceneError(f"no plain number where soft_surface has one, at {'.'.join(way)}")
+    return b.value

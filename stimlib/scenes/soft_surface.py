@@ -1,0 +1,112 @@
+"""A soft object with hard nodules on a screen, felt by the eye: Li et al. (2016).
+
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, triangle, vibration
+from ..blocks.stiffness import as_levels
+from ..core.graph import Block, Input, Param, as_block, check_arguments, constant
+from ..core.scene import Scene
+from ..errors import BadValue
+from ..soft.maps import block
+
+MODES = ("cursor", "deformation", "combined", "vibration", "multipoint")
+DEVICES = ("pen", "mouse")
+
+
+def soft_surface(
+    mode: str = "combined",
+    device: str = "pen",
+    S=None,
+    push: float = 1.0,
+    tangent: float = 0.4,
+    side: float = 0.02,
+    frames: bool = False,
+    contact: bool = False,
+) -> Scene:
+    """A soft surface over hard nodules: an avatar that is held back, and goes less deep, where it is harder.
+
+    Parameters
+    ----------
+    mode : {"cursor", "deformation", "combined", "vibration", "multipoint"}
+        What tells of stiffness: the speed of the avatar; its depth; both; a vibration for as long as the avatar would be held
+        back; the depths of three avatars on a triangle, which share the force.
+    device : {"pen", "mouse"}
+        A pen gives pressure, and its avatar waits (``delay_avatar``).  A mouse pushes with a constant force, and its cursor slows
+        down (``cursor``); it has no mode "vibration".
+    S : Levels, optional
+        The map, see ``stimlib.soft``; by default the block with the nodules A, B and C.
+    push : float
+        Force of a mouse in N, live as ``push``.
+    tangent : float
+        Tangential force in N at S = 1, of which delays are made; ours.
+    side : float
+        Of the triangle in m.
+    frames : bool
+        The laws to the letter, once per frame of 30 ms; by default those that mean the same at every rate.
+    contact : bool
+        Also take an input ``contact`` (1 touching, 0 not).  Without it a pen touches where its pressure is above 0, a mouse
+        always.
+
+    Returns
+    -------
+    Scene
+        Inputs ``x``, ``y`` in m from the corner of the surface, and of a pen ``press``, the force level 0 to 1.  Outputs ``x1``,
+        ``y1`` in m (to 3 in mode multipoint); ``depth1`` in m where the mode shows depths; ``force``, the normal force in N; in
+        mode vibration ``vibration``, 0 or 1.
+
+    Raises
+    ------
+    BadValue
+        An unknown mode or device, a vibration of a mouse; numbers not above 0; what ``stiffness_map`` refuses.
+
+    References
+    ----------
+    Li et al. (2016), eqs. (1) to (3), figs. 1 to 5; what is ours is told at each block.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import soft_surface
+    >>> soft_surface()
+    Scene(x [m], y [m], press [1] -> x1 [m], y1 [m], depth1 [m], force [N])
+    >>> list(soft_surface("multipoint").outputs)
+    ['x1', 'y1', 'depth1', 'x2', 'y2', 'depth2', 'x3', 'y3', 'depth3', 'force']
+    >>> soft_surface("cursor", device="mouse")
+    Scene(x [m], y [m], push [N] -> x1 [m], y1 [m], force [N])
+    """
+    check_arguments(soft_surface, locals())
+    for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
+        if value not in known:
+            raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")
+    if mode == "vibration" and device == "mouse":
+        raise BadValue("soft_surface: a mouse has no vibration; take device='pen'")
+    if not tangent > 0:
+        raise BadValue(f"soft_surface: tangent = {tangent!r} must be above 0")
+    S = block() if S is None else as_levels("soft_surface", S)
+    x, y = Input("x", "m"), Input("y", "m")
+    touching: Block = Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)
+    force = press(Input("press"), touching) if device == "pen" else Param("push", push, "N") * (touching > 0.0)
+
+    law = "frames" if frames else None
+    places: list[tuple[Block, Block]] = [(x, y)]
+    outputs: dict[str, Block] = {}
+    if device == "pen" and mode in ("cursor", "combined", "vibration"):
+        f_t = constant(tangent, "N") * stiffness_map(x, y, S)
+        avatar = delay_avatar(x, y, f_t, law or "streaming", touching)
+        if mode == "vibration":
+            outputs["vibration"] = vibration(avatar.wait)
+        else:
+            places = [(avatar.x, avatar.y)]
+    elif mode in ("cursor", "combined"):
+        avatar = cursor(x, y, S, law or "reversible", touching)
+        places = [(avatar.x, avatar.y)]
+    elif mode == "multipoint":
+        places = triangle(x, y, side)
+    shown: dict[str, Block] = {}
+    for i, (xi, yi) in enumerate(places, 1):
+        shown |= {f"x{i}": xi, f"y{i}": yi}
+        if mode in ("deformation", "combined", "multipoint"):
+            shown[f"depth{i}"] = indentation(force / float(len(places)), stiffness_map(xi, yi, S))
+    return Scene(shown | {"force": force} | outputs, law="soft_surface")

@@ -1,0 +1,303 @@
+"""The surface of a soft object under its indenters: heights, pictures, a film."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks.indenter import deformation
+from ..core import bounds, regular
+from ..core.graph import Input
+from ..core.progress import progress
+from ..core.scene import Scene
+from ..errors import BadValue
+from ..run.processor import Processor, compile
+from ..run.rendering import Rendering
+from .maps import BLOCK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RADIUS = 0.005
+"""Of an indenter, in m; ours."""
+AVATARS = "#2060c0", "#d03030", "#e8c020"  # "blue, red, and yellow dots"
+SKIN = np.array([0.95, 0.84, 0.76])
+LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degrees high
+
+
+@cache
+def _dents(count: int, radius: float, join: str) -> Processor:
+    """What computes how far the surface is down, at as many places as it gets samples."""
+    rho, depth = ([Input(f"{name}{i}", "m") for i in range(count)] for name in ("rho", "depth"))
+    return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
+
+
+def surface(
+    indenters: Sequence[tuple[float, float, float]],
+    width: float = BLOCK,
+    height: float = BLOCK,
+    radius: float = RADIUS,
+    spacing: float | None = None,
+    join: str = "mean",
+) -> NDArray[np.float64]:
+    """Heights of a soft surface under indenters, at the nodes of a grid.
+
+    Parameters
+    ----------
+    indenters : sequence of (x, y, depth)
+        In m; each moves the node nearest to it by its whole depth.
+    width, height : float
+        Of the surface in m.
+    radius, join
+        See ``stimlib.blocks.deformation``.
+    spacing : float, optional
+        Of the nodes in m; by default radius/2.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+        In m, 0 or below; the first row is at y = 0.
+
+    Raises
+    ------
+    BadValue
+        Indenters that are not three finite numbers each; a size or spacing not above 0; more nodes than ``limits.map_points``.
+
+    References
+    ----------
+    Li et al. (2016), "Multi-point pseudo-haptic interaction".
+
+    Examples
+    --------
+    >>> from stimlib.soft import surface
+    >>> h = surface([(0.03, 0.03, 0.0075)], width=0.06, height=0.06)
+    >>> (1000 * h[12, 12:17]).round(2) + 0.0
+    array([-7.5 , -6.83, -2.5 , -1.25,  0.  ])
+    """
+    spacing = radius / 2 if spacing is None else spacing
+    for name, v in (("width", width), ("height", height), ("spacing", spacing)):
+        if not v > 0:
+            raise BadValue(f"surface: {name} = {v!r} must be above 0")
+    at = np.array([*indenters], float).reshape(-1, 3) if _threes(indenters) else np.full((1, 3), np.nan)
+    if not np.isfinite(at).all():
+        raise BadValue("surface: an indenter is x, y and depth, three finite numbers in m")
+    columns, rows = (math.ceil(v / spacing - 1e-9) + 1 for v in (width, height))
+    bounds.limits.check("map_points", rows * columns, "surface: nodes; take a larger spacing")
+    if not at.size:
+        return np.zeros((rows, columns))
+    x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
+    rho = np.hypot(x.ravel() - at[:, :1], y.ravel() - at[:, 1:2])
+    for row in rho:
+        row[row.argmin()] *= row.min() > spacing  # nobody is nearer; beyond the edge there is no node
+    given = {f"rho{i}": row for i, row in enumerate(rho)} | {f"depth{i}": 0 * rho[0] + d for i, d in enumerate(at[:, 2])}
+    proc = _dents(len(at), float(radius), join)
+    return -proc.process(np.array([given[name] for name in proc.inputs]))[0].reshape(rows, columns)
+
+
+def _threes(indenters: Any) -> bool:
+    return all(np.shape(i) == (3,) for i in indenters)
+
+
+def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
+    """x, y, depth of the avatars of a rendering at a sample."""
+    names = [i for i in "123" if f"x{i}" in result.outputs and f"y{i}" in result.outputs]
+    if not names:
+        raise BadValue(f"a picture needs the outputs x1 and y1 of soft_surface; there are {', '.join(result.outputs)}")
+    depth = [result[f"depth{i}"][k] if f"depth{i}" in result.outputs else 0.0 for i in names]
+    return [(float(result[f"x{i}"][k]), float(result[f"y{i}"][k]), float(d)) for i, d in zip(names, depth, strict=True)]
+
+
+def _draw(axes: Any, indenters: list, width: float, height: float, radius: float, join: str) -> None:
+    """The surface with shades, seen from 45 degrees above, and a ball for each avatar; lengths in mm."""
+    axes.clear()
+    h = 1000 * surface(indenters, width, height, radius, None, join)
+    x, y = np.meshgrid(np.linspace(0, 1000 * width, h.shape[1]), np.linspace(0, 1000 * height, h.shape[0]))
+    down_y, down_x = np.gradient(h, y[:, 0], x[0])
+    lit = (-down_x * LIGHT[0] - down_y * LIGHT[1] + LIGHT[2]) / np.sqrt(down_x**2 + down_y**2 + 1)
+    shade = (0.25 + 0.75 * np.clip(lit, 0, 1) / LIGHT[2]).clip(0, 1)[..., None]
+    axes.computed_zorder = False  # or a ball in a dent hides behind the rim
+    axes.plot_surface(x, y, h, rstride=1, cstride=1, facecolors=shade * SKIN, shade=False, linewidth=0, antialiased=False)
+    turn, rise = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
+    ball = 1000 * radius * np.array([np.cos(turn) * np.sin(rise), np.sin(turn) * np.sin(rise), np.cos(rise)])
+    for (px, py, d), colour in zip(indenters, AVATARS, strict=False):
+        middle = 1000 * np.array([px, py, radius - d])[:, None, None]
+        axes.plot_surface(*(ball + middle), color=colour, linewidth=0, zorder=3)
+    axes.set(xlim=(0, 1000 * width), ylim=(0, 1000 * height), zlim=(-16, 10), xlabel="x / mm", ylabel="y / mm", zticks=[])
+    axes.set_box_aspect((width, height, 0.026), zoom=1.15)
+    axes.grid(False)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.set_visible(False)
+
+
+def _axes(figure: Figure) -> Any:
+    axes = figure.add_subplot(projection="3d", proj_type="persp")
+    axes.view_init(elev=45, azim=-90)
+    return axes
+
+
+def picture(
+    result: Rendering,
+    at: float | None = None,
+    width: float = BLOCK,
+    height: float = BLOCK,
+    radius: float = RADIUS,
+    join: str = "mean",
+) -> Figure:
+    """The surface and its avatars at one time of a rendering: in perspective, at 45 degrees towards the viewer, with shades.
+
+    Parameters
+    ----------
+    result : Rendering
+        Of ``soft_surface``, or of any scene with outputs x1, y1 and, if wanted, depth1, and so on to 3.
+    at : float, optional
+        In s; by default where the indenters are deepest.
+    width, height : float
+        Of the surface in m.
+    radius, join
+        See ``surface``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    BadValue
+        Outputs that are missing, a time outside the rendering.
+
+    References
+    ----------
+    Li et al. (2016), "Single-point pseudo-haptic interaction": "a perspective view with an angle of 45 degrees towards the user
+    and deformations are emphasized using shadow effects"; the avatar is a blue sphere, of three blue, red and yellow.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.scenes import soft_surface
+    >>> from stimlib.soft import picture
+    >>> hand = {"x": np.full(9, 0.06), "y": np.full(9, 0.09), "press": np.ones(9)}
+    >>> picture(stimlib.render(soft_surface("deformation"), hand, fs=1000)).axes[0].name
+    '3d'
+    """
+    from matplotlib.figure import Figure
+
+    n = result.y.shape[1]
+    if at is None:
+        deep = [result[name] for name in result.outputs if name.startswith("depth")]
+        k = int(np.argmax(np.max(deep, axis=0))) if deep else n - 1
+    else:
+        k = _sample(result, "at", at)
+    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    _draw(_axes(figure), _indenters(result, k), width, height, radius, join)
+    figure.axes[0].set_title(f"{k / result.fs:.2f} s", fontsize="small")
+    return figure
+
+
+def _sample(result: Rendering, name: str, seconds: float) -> int:
+    """The sample of a rendering at a time."""
+    last = (result.y.shape[1] - 1) / result.fs
+    if not 0 <= seconds <= last + 0.5 / result.fs:
+        raise BadValue(f"{name} = {seconds!r} s is outside the rendering, which is 0 to {last:g} s")
+    return min(round(seconds * result.fs), result.y.shape[1] - 1)
+
+
+def film(
+    result: Rendering,
+    path: str | os.PathLike[str],
+    fps: float = 20.0,
+    start: float = 0.0,
+    stop: float | None = None,
+    width: float = BLOCK,
+    height: float = BLOCK,
+    radius: float = RADIUS,
+    join: str = "mean",
+    progress_bar: bool = True,
+) -> int:
+    """The pictures of ``picture``, one after the other: a GIF, or PNG files in a folder.
+
+    Parameters
+    ----------
+    result : Rendering
+        See ``picture``.
+    path : path
+        ``.gif``, whole or not at all; without a suffix a folder, which gets ``frame_0000.png`` and so on.
+    fps : float
+        Pictures per second.
+    start, stop : float
+        In s; by default all of it.
+    width, height, radius, join
+        See ``picture``.
+    progress_bar : bool
+        Whether a terminal sees how far it is: a picture takes about 0.1 s.
+
+    Returns
+    -------
+    int
+        Number of pictures.
+
+    Raises
+    ------
+    BadValue
+        Another suffix, times outside the rendering, fps not above 0, what ``picture`` refuses; a GIF with more in memory than
+        ``limits.render_bytes``.
+    SinkError
+        Where nothing can be written.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.scenes import soft_surface
+    >>> from stimlib.soft import film
+    >>> hand = {"x": np.linspace(0.03, 0.09, 100), "y": np.full(100, 0.06), "press": np.full(100, 0.8)}
+    >>> film(stimlib.render(soft_surface("deformation"), hand, fs=1000), "soft.gif", fps=20)
+    2
+    """
+    from matplotlib.animation import PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    path = Path(path)
+    if path.suffix.lower() not in ("", ".gif"):
+        raise BadValue(
+            f"film: {path} ends in {path.suffix!r}; write a .gif, or PNG files into a folder, whose name has no suffix"
+        )
+    if not fps > 0:
+        raise BadValue(f"film: fps = {fps!r} must be above 0")
+    first = _sample(result, "start", start)
+    last = result.y.shape[1] - 1 if stop is None else _sample(result, "stop", stop)
+    samples = [round(k) for k in np.arange(first, last + 1, result.fs / fps)]
+    figure = Figure(figsize=(4.8, 3.6), dpi=100)
+    FigureCanvasAgg(figure)
+    axes = _axes(figure)
+    bounds.limits.check("render_bytes", 480 * 360 * 4.0 * len(samples), f"film: bytes of {len(samples)} pictures in memory")
+
+    def pictures():
+        with progress("film", len(samples), progress_bar) as done:
+            for k in samples:
+                _draw(axes, _indenters(result, k), width, height, radius, join)
+                yield
+                done(1)
+
+    if path.suffix:
+        with tempfile.TemporaryDirectory() as folder:
+            writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # which divides by it
+            with writer.saving(figure, f"{folder}/film.gif", dpi=100):
+                for _ in pictures():
+                    writer.grab_frame()
+            regular.publish(path, Path(folder, "film.gif").read_bytes())
+    else:
+        regular.make_folder(path)
+        for i, _ in enumerate(pictures()):
+            data = io.BytesIO()
+            figure.savefig(data, format="png")
+            regular.publish(path / f"frame_{i:04d}.png", data.getvalue())
+    return len(samples)

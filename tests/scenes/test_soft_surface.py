@@ -1,0 +1,143 @@
+"""The soft surface of Li et al. (2016): what each mode shows, that verify proves it and would notice, and a recorded pen."""
+
+import numpy as np
+import pytest
+from hands import DATA
+
+import stimlib
+from stimlib import BadValue
+from stimlib.blocks.avatar import DelayAvatar, FrameAvatar, Vibration
+from stimlib.blocks.cursor import Cursor, CursorFrames
+from stimlib.motion.recorded import recording
+from stimlib.scenes import soft_surface
+from stimlib.soft import block, nodules
+
+FS, T = 1000, np.arange(1200) / 1000
+MOTION = {
+    "x": 0.06 + 0.035 * np.sin(5 * T),
+    "y": 0.06 + 0.03 * np.cos(6.2 * T),
+    "press": np.where(T % 0.7 > 0.1, 0.5 + 0.4 * np.sin(8 * T), 0.0),
+    "contact": np.where(T % 0.5 > 0.05, 1.0, 0.0),
+}
+HARD = nodules([(0.09, 0.05, 0.006), (0.03, 0.075, 0.006)])  # on the way
+MODES = {
+    "a pen's cursor": ({"mode": "cursor"}, {"x1", "y1", "force"}),
+    "a mouse's cursor": ({"mode": "cursor", "device": "mouse", "contact": True}, {"x1", "y1", "force"}),
+    "combined": ({"contact": True}, {"x1", "y1", "depth1", "force"}),
+    "in frames": ({"frames": True}, {"x1", "y1", "depth1", "force"}),
+    "a mouse in frames": ({"device": "mouse", "frames": True, "contact": True}, {"x1", "y1", "depth1", "force"}),
+    "deformation": ({"mode": "deformation", "device": "mouse"}, {"x1", "y1", "depth1", "force"}),
+    "vibration": ({"mode": "vibration"}, {"x1", "y1", "force", "vibration"}),
+    "multipoint": ({"mode": "multipoint"}, {f"{n}{i}" for n in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"}),
+}
+
+
+def proved(scene, motion=MOTION, fs=FS, seconds=None):
+    motion = {name: motion[name] for name in scene.inputs}
+    return stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=fs, seconds=seconds))
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_each_mode_is_proved(name):
+    words, outputs = MODES[name]
+    scene = soft_surface(**words, S=HARD)
+    assert set(scene.outputs) == outputs
+    r = proved(scene)
+    assert r.passed, str(r)
+    assert {c.group for c in r.checks} >= {"d"} and not any("law" in s for s in r.evidence.skipped)
+    if "depth1" in outputs and "mouse" not in name and name != "multipoint":
+        assert 0 < r.evidence.y[list(scene.outputs).index("depth1")].max() <= 0.015
+
+
+FAULTS = {
+    "table 1e-6 off": (Cursor, "c", 1 + 1e-6, "a mouse's cursor", "steps of the reversible cursor"),
+    "delays 1e-6 off": (DelayAvatar, "per_newton", 1 + 1e-6, "combined", "waits of the avatar"),
+    "noticed 10 % later": (DelayAvatar, "notice", 1.1, "combined", "waits of the avatar"),
+    "catching up 1 % off": (DelayAvatar, "catch_up", 1.01, "combined", "x1: the hand of some time ago"),
+    "vibration 10 % off": (Vibration, "factor", 1.1, "vibration", "vibration: as long"),
+    "frames 5 % off": (FrameAvatar, "frame", 1.05, "in frames", "x1: the hand of some time ago"),
+    "mouse's frames 5 % off": (CursorFrames, "frame", 1.05, "a mouse in frames", "x1: eq. (1), frame by frame"),
+    "mouse never below .2": (CursorFrames, "slowest", 4.0, "a mouse in frames", "x1: eq. (1), frame by frame"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_is_off_is_caught(name, monkeypatch):
+    owner, field, factor, mode, says = FAULTS[name]
+    honest = owner.design
+
+    def design(self, fs):
+        p, s = honest(self, fs)
+        return p._replace(**{field: getattr(p, field) * factor}), s
+
+    monkeypatch.setattr(owner, "design", design)
+    bad = [c.name for c in proved(soft_surface(**MODES[mode][0], S=HARD)).checks if not c.passed and c.group in "de"]
+    assert any(says in text for text in bad), bad
+
+
+def test_depth_and_force_are_the_papers_and_the_springs():
+    over, beside = np.array([0.06, 0.02]), np.array([0.06, 0.06])
+    S = nodules([(0.06, 0.06, 0.006)])
+    level = np.array([0.75, 0.75])
+    y = dict(zip("x1 y1 depth1 force".split(), run(soft_surface("deformation", S=S), over, beside, level), strict=True))
+    np.testing.assert_allclose(y["force"], 2.366609, atol=5e-7)
+    np.testing.assert_allclose(y["depth1"], [2.366609 / 1200, 2.366609 / (400 + 800 * (1 + (40 / 12.5) ** 2) ** -3)], rtol=1e-6)
+    three = stimlib.compile(soft_surface("multipoint", S=S), FS)
+    got = dict(zip(three.outputs, three.process(np.array([[0.06], [0.03], [0.75]])), strict=True))
+    np.testing.assert_allclose([got["y1"][0], got["x2"][0]], [0.041547005, 0.05], atol=1e-9)
+    assert got["depth1"] < got["depth2"] == pytest.approx(got["depth3"])
+    shallow = run(soft_surface("deformation", S=S), over, beside, np.array([1.0, 0.0]))
+    assert shallow[3, 1] == shallow[2, 1] == 0  # a pen that does not touch
+
+
+def run(scene, x, y, press):
+    proc = stimlib.compile(scene, FS)
+    rows = {"x": x, "y": y, "press": press}
+    return proc.process(np.array([rows[name] for name in proc.inputs]))
+
+
+def test_a_mouse_pushes_as_it_is_told():
+    proc = stimlib.compile(soft_surface("deformation", "mouse", push=2.0), FS)
+    proc.set("push", 1.0, ramp=0.0)
+    y = dict(zip(proc.outputs, proc.process(np.zeros((2, 3))), strict=True))
+    np.testing.assert_allclose(y["force"], 1.0)
+    np.testing.assert_allclose(y["depth1"], 0.0025, rtol=0.01)
+
+
+def test_a_saved_scene_is_the_same(tmp_path):
+    scene = soft_surface("combined", S=block(1.0, spacing=0.005))
+    scene.save(tmp_path / "soft.json")
+    assert stimlib.load(tmp_path / "soft.json").hash == scene.hash
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ({"mode": "speed"}, "cursor, deformation, combined, vibration, multipoint"),
+        ({"device": "touch"}, "pen, mouse"),
+        ({"mode": "vibration", "device": "mouse"}, "no vibration"),
+        ({"tangent": 0.0}, "tangent"),
+        ({"mode": "multipoint", "side": 0.0}, "side"),
+        ({"S": ([[0, 2], [0, 0]], 0.1, 0.1)}, "0 to 1"),
+    ],
+)
+def test_words_that_make_no_sense(words, says):
+    with pytest.raises(BadValue, match=says):
+        soft_surface(**words)
+
+
+def test_a_recorded_pen_over_three_nodules():
+    path = DATA / "pen-pressure" / "pen_loops.csv"
+    if not path.is_file():
+        pytest.skip("the recordings are not beside the project")
+    columns = {"x": "(x_raw - 4034)*3.404e-6 + 0.008", "y": "(y_raw - 2860)*8.184e-6 + 0.008", "press": "pressure_raw/23825"}
+    pen = recording(path, columns, reports="on_change", max_speed={"press": None})
+    scene = soft_surface("combined", S=block(1.66), contact=True)
+    motion = pen.for_inputs(tuple(scene.inputs))
+    result = stimlib.render(scene, motion, fs=FS, seconds=pen.duration)
+    r = stimlib.verify(scene, motion, result)
+    assert r.passed, str(r)
+    touching = pen.contact(result.t) > 0
+    assert not result["force"][~touching].any() and 5.0 < result["force"].max() < 5.5
+    lag = np.hypot(result["x1"] - pen.motion["x"](result.t), result["y1"] - pen.motion["y"](result.t))[touching]
+    assert 0.005 < lag.max() < 0.1 and np.median(lag) < 0.02
