@@ -331,9 +331,9 @@ WORDS = {
     "Schenkel 1997)",
     "impact": "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its velocity (after "
     "Okamura, Dennerlein and Howe 1998)",
-    "soft_surface": "an avatar follows the pointer with the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for each newton that the "
-    "tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008 exp(4.2081 pressure) N; S is the level of the map where it "
-    "is (the pseudo-haptics paper, eqs. (1) to (3), and readings of our own)",
+    "soft_surface": "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for each newton the "
+    "tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008 exp(4.2081 pressure) N; S is the level of the map there "
+    "(the pseudo-haptics paper, eqs. (1) to (3), and readings of our own)",
 }
 """Each law for a reader who has the paper beside it."""
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
