@@ -36,6 +36,7 @@ _ROOMS = (
     "scenes",
     "motion",
     "run",
+    "plate",
     "files",
     "devices",
     "fitting",
@@ -47,7 +48,7 @@ _ROOMS = (
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, run, scenes, soft, sweep
+    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, plate, run, scenes, soft, sweep
     from .analysis.draw import draw
     from .checks.verify import verify
     from .core.bounds import limits

@@ -116,6 +116,7 @@ class Entry:
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
 SHAPE = [0.0, 0.5, -0.25, 1.0, 0.75], [-1.0, 0.3, 0.9, 1.0, 2.0]
 ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -1.0, 0.0, 2.0, -1.8, 0.0]]
+BENT = [[0.5, 0.0, 0.2], [0.1, -0.3, 0.0], [-0.4, 0.0, 0.1]]
 KNOTS, VALUES = [-1.5, -0.5, 0.0, 0.6, 2.0], [2.0, -1.0, 0.0, 0.5, -0.3]
 FS8 = (8000.0, 48000.0)
 MADE_UP = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))
@@ -514,6 +515,10 @@ TABLE += [
         laws=(law.resonance(158.0, 20.0, (0, 1, 0)),)),
     Entry("notch", "Resonator", lambda x: b.notch(x, 50.0, 3.0), (normal,), lti=True,
         laws=(law.resonance(50.0, 3.0, (1, 0, 1)),)),
+    Entry("mode", "Mode", lambda x: b.mode(x, 158.0, 10.0), (normal,), lti=True, laws=(law.oscillator(158.0, 10.0),)),
+    Entry("mode_shape", "Shape", lambda x, y: b.mode_shape(0.05 * x, 0.05 * y, BENT, 0.1, 0.07), (normal, held), unit="m"),
+    Entry("pole_swap", "PoleSwap", lambda x: b.pole_swap(x, 158.0, 10.0, 4.0), (normal,), lti=True,
+        laws=(law.pole_swap(158.0, 10.0, 4.0),)),
     Entry("svf", "Svf", lambda x: b.svf(x, 120.0, 2.0, "highpass"), (normal,), lti=True,
         laws=(law.resonance(120.0, 2.0, (1, 0, 0)),)),
     Entry("svf_live", "Svf", lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"), (normal, held, held)),

@@ -26,6 +26,7 @@ from .modes import pink_noise, pinking
 from .noise import white_noise
 from .oscillators import oscillator, pulse_train
 from .places import grating, spatial_noise
+from .plates import amplifier, mode, mode_shape, pole_swap
 from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from .running import envelope_follower, integrate, moving_average
 from .series import springpot_series
@@ -41,15 +42,15 @@ from .tracking import track, track_velocity
 from .transients import grain, ring
 
 __all__ = [
-    "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "button", "carrier", "chirp", "clip", "compliance",
-    "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos", "count",
-    "crossing", "cursor", "deformation", "delay", "delay_avatar", "detents", "differentiator", "elapsed", "enabled",
-    "envelope", "envelope_follower", "equal_force", "equalize", "every", "exp", "falling", "fir", "first_order",
-    "force_limit", "friction", "generalized_maxwell", "grain", "grating", "highpass", "hysteresis", "indentation",
-    "integrate", "kelvin_voigt", "load_texture", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum", "maxwell",
-    "minimum", "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking",
-    "playback", "press", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "sin",
-    "skin_drive", "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness",
-    "sqrt", "standard_linear_solid", "static_limit", "stick_slip", "stiffness_map", "svf", "tanh", "texture", "timeline",
-    "track", "track_velocity", "triangle", "velocity", "vibration", "wall", "where", "white_noise",
+    "amplifier", "at", "band_noise", "bandpass", "bandstop", "bump", "burst", "button", "carrier", "chirp", "clip",
+    "compliance", "compliance_generalized_kelvin_voigt", "compliance_kelvin_voigt", "compliance_maxwell", "constant", "cos",
+    "count", "crossing", "cursor", "deformation", "delay", "delay_avatar", "detents", "differentiator", "elapsed", "enabled",
+    "envelope", "envelope_follower", "equal_force", "equalize", "every", "exp", "falling", "fir", "first_order", "force_limit",
+    "friction", "generalized_maxwell", "grain", "grating", "highpass", "hysteresis", "indentation", "integrate", "kelvin_voigt",
+    "load_texture", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum", "maxwell", "minimum", "mode", "mode_shape",
+    "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking", "playback",
+    "pole_swap", "press", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "sin", "skin_drive",
+    "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt",
+    "standard_linear_solid", "static_limit", "stick_slip", "stiffness_map", "svf", "tanh", "texture", "timeline", "track",
+    "track_velocity", "triangle", "velocity", "vibration", "wall", "where", "white_noise",
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -116,7 +116,7 @@ def equalize(
     signal=1.0,
     peak=None,
     contact=1.0,
-    kind: str | None = None,
+    kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
     """A voltage that gives, at every place, the displacement of the place that moves most.
@@ -145,8 +145,9 @@ def equalize(
         Largest absolute value of ``signal``, live or not; needed for "scale" unless the signal is a number.
     contact : Block
         At re-contact x[n-1] = x[n].
-    kind : {"linear", "pchip", "cubic", "polynomial"}, optional
-        Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.
+    kind : {"linear", "pchip", "cubic", "polynomial"} or callable, optional
+        Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.  A function makes a finer table out of
+        knots and displacements, which a cubic spline interpolates: ``stimlib.plate.mode_fit`` fits the shape of a plate's mode.
     outside : {"hold", "zero", "error"}
         Beyond the first and last knot: their gain; silence; or a fault.
 
@@ -181,6 +182,9 @@ def equalize(
     knots, d = points(displacement)
     if outside not in OUTSIDE:
         raise BadValue(f"equalize: outside = {outside!r}; choose one of {', '.join(OUTSIDE)}")
+    if callable(kind):
+        knots, d = points(kind(knots, d))
+        kind = "cubic"
     kind = kind or ("polynomial" if knots.size <= 6 else "cubic")
     x, y, contact = as_block(x), as_block(signal), as_block(contact)
     middle = Midpoint(x, contact)

@@ -15,6 +15,7 @@ from ..run.processor import compile
 from ..run.walk import samples
 from . import laws, soft, surfaces, touch
 from .evidence import Check, Evidence, Tap, live, signal
+from .plates import touch_screen
 
 TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
 
@@ -334,6 +335,9 @@ WORDS = {
     "soft_surface": "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for each newton the "
     "tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008 exp(4.2081 pressure) N; S is the level of the map there "
     "(the pseudo-haptics paper, eqs. (1) to (3), and readings of our own)",
+    "touch_screen": "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement fitted over places; "
+    "the displacement is the sum over the plate's modes of shape(x, y) times the mode's answer to V (the touch-screen thesis, "
+    "chapters 2 to 4)",
 }
 """Each law for a reader who has the paper beside it."""
 SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
@@ -348,6 +352,7 @@ SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
     "wall": touch.wall_law,
     "impact": touch.impact_law,
     "soft_surface": soft.soft_surface,
+    "touch_screen": touch_screen,
 }
 
 

@@ -166,6 +166,31 @@ def resonance(freq: float, q: float, passes: Sequence[float]) -> Law:
     return Law(whole_band(200), law, 1e-10, f"resonance at {freq:g} Hz, q = {q:g}", size=_largest)
 
 
+def oscillator(freq: float, q: float) -> Law:
+    """1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples: all its aliases behind the spectrum of a triangle."""
+
+    def law(f, fs):
+        g = (f[:, None] + ALIASES * fs) / freq
+        return np.sum(np.sinc(f[:, None] / fs + ALIASES) ** 2 / (1 - g * g + 1j * g / q), axis=1)
+
+    return Law(whole_band(200), law, 1e-8, f"mode at {freq:g} Hz, q = {q:g}, of straight lines", size=_largest)
+
+
+def pole_swap(freq: float, q: float, gain: float) -> Law:
+    """(z - p)(z - p*)/((z - r)(z - r*)), p and r the samples' poles of the qualities q and q/gain; 1 at freq."""
+
+    def poles(z, fs, q):
+        turn = 2j * math.pi * freq / fs * np.array([1, -1]) * math.sqrt(1 - 0.25 / q**2) - math.pi * freq / (fs * q)
+        return np.prod(z[:, None] - np.exp(turn), axis=1)
+
+    def law(f, fs):
+        z = np.exp(2j * np.pi * np.r_[f, freq] / fs)
+        h = poles(z, fs, q) / poles(z, fs, q / gain)
+        return h[:-1] / abs(h[-1])
+
+    return Law(whole_band(200), law, 1e-10, f"poles at {freq:g} Hz from q = {q:g} to {q / gain:g}", size=_largest)
+
+
 def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float) -> Law:
     """Gain of a filter of one of four families: that of its prototype, whose edge is 1, at the frequency that f becomes.
 

@@ -9,12 +9,13 @@ from .impact import impact
 from .soft_surface import soft_surface
 from .squeeze import squeeze
 from .texture import texture
+from .touch_screen import touch_screen
 from .viscoelastic import viscoelastic
 from .wall import wall
 
 __all__ = [
     "bumps", "bumps_set", "click", "detents", "friction", "grating", "impact", "soft_surface", "squeeze", "texture",
-    "viscoelastic", "wall",
+    "touch_screen", "viscoelastic", "wall",
 ]  # fmt: skip
 
 SHIPPED = {
@@ -29,5 +30,6 @@ SHIPPED = {
     "wall": wall,
     "impact": impact,
     "soft_surface": soft_surface,
+    "touch_screen": touch_screen,
 }
 """What the command line calls a scene, by name; the default of every argument is the paper's, where there is one."""

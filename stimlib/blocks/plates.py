@@ -1,0 +1,456 @@
+"""Surfaces that vibrate in modes: one mode, its shape over the places of a finger, and a drive that makes it answer faster."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..core import units as un
+from ..core.graph import Block, as_block, positive
+from ..core.maths import TINY, each, floor, flush, fma, where
+from ..core.response import backward
+from ..core.units import unit
+from ..design import responses
+from ..design.sections import Quadratic, sections
+from ..errors import BadValue, UnitError
+from .filters import Cascade, below_half, cascade
+from .impedance import with_unit
+from .maps import clip
+
+INT = np.int64
+CELLS = 160.0  # pieces of a shape along each axis
+
+
+class ModeParams(NamedTuple):
+    c: float
+    s: float
+    r: float  # c - s/q
+    lag: float  # of q behind a slope of x
+    rise: float
+    m: float  # 1 - c
+
+
+class ModeState(NamedTuple):
+    e: float  # q - x
+    v: float  # q'/w0
+    last: float
+
+
+@dataclass(frozen=True, eq=False)
+class Mode(Block):
+    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x that is straight between samples.
+
+    With a = w0/fs, b = 1/(2 Q), e = q - x, dx = x[n] - x[n-1]:
+
+    e[n] = c e + s v - (s + 2 b (1 - c))/a dx;  v[n] = -s e + (c - 2 b s) v + (1 - c)/a dx;
+    s = exp(-a b) sin(a h)/h, c = exp(-a b) cos(a h) + b s, h^2 = 1 - b^2.
+    """
+
+    x: Block
+    freq: float
+    q: float
+
+    def check(self):
+        positive(self, "freq")
+        if not self.q > 0.5:
+            raise BadValue(f"mode: q = {self.q:g} must be above 0.5: below that it does not ring; take two first_order")
+
+    def design(self, fs):
+        (r,) = below_half("mode", fs, freq=self.freq)
+        a, b = 2 * math.pi * r, 0.5 / self.q
+        h = math.sqrt(1 - b * b)
+        s = math.exp(-a * b) * math.sin(a * h) / h
+        m = 2 * math.sin(a * h / 2) ** 2 - math.expm1(-a * b) * math.cos(a * h) - b * s  # 1 - c, with its digits
+        return ModeParams(1 - m, s, 1 - m - 2 * b * s, (s + 2 * b * m) / a, m / a, m), ModeState(0.0, 0.0, 0.0)
+
+    def laws(self, fs):
+        return (responses.oscillator(self.freq, self.q),)
+
+    @staticmethod
+    def step(p, s, x):
+        dx = x - s.last
+        e = fma(p.c, s.e, fma(p.s, s.v, fma(-p.lag, dx, TINY)))
+        v = fma(-p.s, s.e, fma(p.r, s.v, p.rise * dx))
+        return flush(x + e), ModeState(e, v, x)
+
+    @staticmethod
+    def transfer(p, z):
+        d = backward(z)
+        one, other = d + p.m / z, d + (1 - p.r) / z
+        return 1 + d * (p.s * p.rise / z - p.lag * other) / (one * other + (p.s / z) ** 2)
+
+    def delay(self, p):
+        """Group delay at 0 Hz, 2 b/a."""
+        return (p.c - p.r) / p.s * p.rise / p.m
+
+
+def mode(x, freq: float, q: float) -> Block:
+    """One mode of something that vibrates: a mass on a spring, driven by x; its gain is 1 at 0 Hz and q at its resonance.
+
+    Exact at every sample rate for an x that is straight between samples, as ``first_order`` is.
+
+    Parameters
+    ----------
+    x : Block
+    freq : float
+        Natural frequency in Hz.
+    q : float
+        Quality, above 0.5: the gain at the resonance.
+
+    Returns
+    -------
+    Block
+        In the unit of x; starts at rest.
+
+    Raises
+    ------
+    BadValue
+        freq not above 0, q not above 0.5; at compile time, freq not below fs/2.
+
+    See Also
+    --------
+    svf : a mode whose frequency and quality move, by the trapezoidal rule.
+    stimlib.plate.plate : all modes of a plate under a finger.
+
+    References
+    ----------
+    Franklin, Powell and Workman, "Digital Control of Dynamic Systems" (1998), section 6.3: the triangle-hold equivalent.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import mode
+    >>> proc = stimlib.compile(stimlib.Scene({"y": mode(stimlib.Input("x"), 158, q=10)}), fs=8000)
+    >>> abs(proc.response("y", "x", np.array([0.0, 79.0, 158.0, 316.0]))).round(3)
+    array([1.   , 1.33 , 9.987, 0.331])
+    """
+    return Mode(as_block(x), freq, q)
+
+
+class Grid(NamedTuple):
+    length: float
+    width: float
+    along: float  # pieces for each metre
+    across: float
+
+
+class ShapeParams(NamedTuple):
+    length: float
+    width: float
+    along: float
+    across: float
+    c: np.ndarray  # of each piece, 16 factors: powers of x and of y, highest first
+
+
+class Piece(NamedTuple):
+    c: float  # x^3 y^3
+    d: float
+    e: float
+    f: float
+    g: float  # x^2 y^3
+    h: float
+    i: float
+    j: float
+    k: float
+    s: float
+    m: float
+    n: float
+    o: float
+    q: float
+    r: float
+    t: float  # 1
+
+
+def in_pieces(v, size, per):
+    """A place in pieces, held within the rectangle."""
+    return where(v > 0.0, where(v < size, v, size), 0.0) * per
+
+
+def number(a):
+    """Of the piece; the last one has its end."""
+    return floor(where(a < CELLS, a, CELLS - 1.0))
+
+
+def cell(p, x, y):
+    """Number of the piece under a place."""
+    return number(in_pieces(x, p.length, p.along)) * CELLS + number(in_pieces(y, p.width, p.across))
+
+
+def within_x(p, x):
+    """Where on its piece a place is, 0 .. 1 along x."""
+    a = in_pieces(x, p.length, p.along)
+    return a - number(a)
+
+
+def within_y(p, y):
+    """The same along y."""
+    b = in_pieces(y, p.width, p.across)
+    return b - number(b)
+
+
+def bicubic(p, a, b):
+    """Value of a piece."""
+    one, two = fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f), fma(fma(fma(p.g, b, p.h), b, p.i), b, p.j)
+    three, four = fma(fma(fma(p.k, b, p.s), b, p.m), b, p.n), fma(fma(fma(p.o, b, p.q), b, p.r), b, p.t)
+    return fma(fma(fma(one, a, two), a, three), a, four)
+
+
+def piece(c, k):
+    """Factors of piece k."""
+    k = INT(k) * 16
+    return Piece(
+        c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7],
+        c[k + 8], c[k + 9], c[k + 10], c[k + 11], c[k + 12], c[k + 13], c[k + 14], c[k + 15],
+    )  # fmt: skip
+
+
+def known(p, phi, x, y):
+    """phi; nan where a place is none."""
+    return where(x == x, where(y == y, phi, y), x)
+
+
+def pieces(terms: int) -> np.ndarray:
+    """Cubics through values and slopes of Legendre's polynomials at the ends of equal pieces; shape (CELLS, 4, terms)."""
+    f = legendre.legvander(np.linspace(-1, 1, int(CELLS) + 1), terms - 1)
+    g = (
+        legendre.legval(np.linspace(-1, 1, int(CELLS) + 1), legendre.legder(np.eye(terms))).T * (2 / CELLS)
+        if terms > 1
+        else 0 * f
+    )
+    rise = np.diff(f, axis=0)
+    return np.stack([g[:-1] + g[1:] - 2 * rise, 3 * rise - 2 * g[:-1] - g[1:], g[:-1], f[:-1]], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape(Block):
+    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1), by pieces that are cubic in x and in y.
+
+    Beyond the edges the value there is held.
+    """
+
+    x: Block
+    y: Block
+    c: np.ndarray
+    length: float
+    width: float
+
+    def check(self):
+        positive(self, "length", "width")
+        if self.c.ndim != 2 or not 0 < max(self.c.shape) <= 64:
+            raise BadValue(f"mode_shape: c must be a matrix of at most 64 x 64 numbers, got shape {self.c.shape}")
+
+    def units(self, *u):
+        for name, v in zip("xy", u, strict=True):
+            if v != unit("m"):
+                raise UnitError(f"mode_shape: {name} [{v}] must be in m")
+        return un.ONE
+
+    def design(self, fs):
+        u, v = (pieces(n).reshape(-1, n) for n in self.c.shape)
+        c = (u @ self.c @ v.T).reshape(int(CELLS), 4, int(CELLS), 4).transpose(0, 2, 1, 3)
+        return ShapeParams(self.length, self.width, CELLS / self.length, CELLS / self.width, c.ravel()), ()
+
+    @staticmethod
+    def step(p, s, x, y):
+        phi = bicubic(piece(p.c, cell(p, x, y)), within_x(p, x), within_y(p, y))
+        return known((), phi, x, y), s
+
+    @staticmethod
+    def work(p):
+        return 192
+
+    @staticmethod
+    def tile(p, s, x, y, phi, w):
+        """As ``step``; samples in a row on one piece, of which a finger has many, are computed together."""
+        n = phi.size
+        cells, a, b = w[:n], w[64 : 64 + n], w[128 : 128 + n]
+        grid = Grid(p.length, p.width, p.along, p.across)
+        each(cell, grid, (x, y), cells)
+        each(within_x, grid, (x,), a)
+        each(within_y, grid, (y,), b)
+        first = 0
+        for end in range(1, n + 1):
+            if end == n or cells[end] != cells[first]:
+                each(bicubic, piece(p.c, cells[first]), (a[first:end], b[first:end]), phi[first:end])
+                first = end
+        each(known, (), (phi, x, y), phi)
+        return s
+
+
+def mode_shape(x, y, c, length: float, width: float) -> Block:
+    """How much of a mode is felt at a place: a function of x and y on a rectangle, given by a Legendre series.
+
+    Parameters
+    ----------
+    x, y : Block
+        Place in m, from the rectangle's corner.  Beyond its edges the value there is held.
+    c : array_like, shape (m, n)
+        Factors of P_i(2 x/length - 1) P_j(2 y/width - 1).
+    length, width : float
+        Of the rectangle, in m.
+
+    Returns
+    -------
+    Block
+        Without unit.
+
+    Raises
+    ------
+    BadValue
+        Not a matrix; sizes not above 0.
+    UnitError
+        A place that is not in m.
+
+    Notes
+    -----
+    It is computed by 160 x 160 pieces with the right values, slopes and twists at their corners.  Of a wave of k rad along the
+    rectangle that is within (k/160)^4/384: 2e-9 for a clamped plate's first mode.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import mode_shape
+    >>> x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
+    >>> scene = stimlib.Scene({"phi": mode_shape(x, y, [[0.0], [1.0]], 0.2, 0.1)})  # from -1 to 1 along x
+    >>> stimlib.compile(scene, fs=8000).process(np.array([[0.0, 0.05, 0.2], [0.05, 0.05, 0.05]]))
+    array([[-1. , -0.5,  1. ]])
+    """
+    return Shape(as_block(x), as_block(y), c, length, width)
+
+
+def matched(r: float, q: float) -> Quadratic:
+    """s^2 + .. in s = (z - 1)/(z + 1) whose roots are the samples' own poles of a mode, r in cycles per sample."""
+    b = 0.5 / q
+    root = np.tanh(math.pi * r * complex(-b, math.sqrt(1 - b * b)))
+    return Fraction(1), -2 * Fraction(root.real), Fraction(root.real) ** 2 + Fraction(root.imag) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class PoleSwap(Cascade):
+    """k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0: zeros on the poles of a mode."""
+
+    x: Block
+    freq: float
+    q: float
+    gain: float
+
+    def check(self):
+        positive(self, "freq", "q")
+        if not 1 <= self.gain < 2 * self.q:
+            raise BadValue(
+                f"pole_swap: gain = {self.gain:g} must be from 1, where nothing happens, to below 2 q = {2 * self.q:g}, "
+                "where the mode would not ring at all"
+            )
+
+    def design(self, fs):
+        (r,) = below_half("pole_swap", fs, freq=self.freq)
+        top, bottom = matched(r, self.q), matched(r, self.q / self.gain)
+        s = 1j * math.tan(math.pi * r)
+        size = [abs(s * s + s * float(v[1]) + float(v[2])) for v in (bottom, top)]
+        scale = Fraction(size[0] / size[1])
+        return cascade(sections([([scale * v for v in top], bottom)]), r)
+
+    def laws(self, fs):
+        return (responses.pole_swap(self.freq, self.q, self.gain),)
+
+
+def pole_swap(x, freq: float, q: float, gain: float, v_max: float | Block | None = None) -> Block:
+    """A drive that makes a resonance answer ``gain`` times as fast: the mode's poles are taken away, and wider ones put there.
+
+    A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz for 158 Hz and q = 10.  Behind this
+    filter it has the quality q/gain, and the same gain at its frequency.  The price is voltage: whatever changes fast is driven
+    up to ``gain`` times as hard.  ``stimlib.plate.envelope_behind`` says how much of it a stimulus takes, and what it gives.
+
+    Parameters
+    ----------
+    x : Block
+        The voltage for a slow stimulus.
+    freq, q : float
+        Of the mode; measure them, ``stimlib.plate.identify``: a carrier that is 1 % off loses what q/2 % of width can.
+    gain : float
+        From 1 to below 2 q.
+    v_max : float or Block, optional
+        The result is held within -v_max .. v_max, in the unit of x.
+
+    Returns
+    -------
+    Block
+        In the unit of x; starts at rest.
+
+    Raises
+    ------
+    BadValue
+        freq or q not above 0; a gain outside its range; v_max not above 0; at compile time, freq not below fs/2.
+
+    References
+    ----------
+    Zeros on lightly damped poles: Franklin, Powell and Emami-Naeini, "Feedback Control of Dynamic Systems" (2015): notch
+    compensation.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import mode, pole_swap
+    >>> v = stimlib.Input("v", "V")
+    >>> scene = stimlib.Scene({"before": mode(v, 158, 10), "after": mode(pole_swap(v, 158, 10, gain=4), 158, 10)})
+    >>> proc = stimlib.compile(scene, fs=8000)
+    >>> f = np.array([138.0, 158.0, 178.0])  # side bands of 20 bumps/s
+    >>> [(abs(proc.response(name, "v", f)) / 10).round(2).tolist() for name in ("before", "after")]
+    [[0.4, 1.0, 0.34], [0.95, 1.0, 0.76]]
+    """
+    y: Block = PoleSwap(as_block(x), freq, q, gain)
+    if v_max is None:
+        return y
+    top = with_unit(v_max, str(y.dim))
+    if not getattr(top, "value", 1.0) > 0:
+        raise BadValue(f"pole_swap: v_max = {v_max!r} must be above 0")
+    return clip(y, -top, top)
+
+
+def amplifier(x, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0) -> Block:
+    """A voltage amplifier: gain x, held between the voltages that the patches take.
+
+    Parameters
+    ----------
+    x : Block
+        In V.
+    gain : float
+        Not 0.
+    lowest, highest : float
+        In V at its output; the default is the range of the touch-screen thesis' patches.  ``Plate.voltages`` is that of a plate.
+
+    Returns
+    -------
+    Block
+        In V.  Samples that were held: ``np.sum((y == lowest) | (y == highest))``.
+
+    Raises
+    ------
+    BadValue
+        lowest not below highest, or a gain of 0.
+    UnitError
+        A signal that is not in V.
+
+    References
+    ----------
+    The touch-screen thesis, sections 2.2 and 4.2: a driver for these patches, set to 50.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import amplifier
+    >>> proc = stimlib.compile(stimlib.Scene({"v": amplifier(stimlib.Input("x", "V"))}), fs=8000)
+    >>> proc.process(np.array([[-4.0, 2.0, 9.0]]))
+    array([[-100.,  100.,  400.]])
+    """
+    signal = with_unit(x, "V")
+    if signal.dim != unit("V"):
+        raise UnitError(f"amplifier: {signal!r} [{signal.dim}] must be in V")
+    if not (lowest < highest and gain != 0):
+        raise BadValue(f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, and gain not 0")
+    return clip(gain * signal, with_unit(lowest, "V"), with_unit(highest, "V"))

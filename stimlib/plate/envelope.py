@@ -1,0 +1,127 @@
+"""What a resonance leaves of an envelope, and what it costs to have it back."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue
+
+POINTS = 2048  # of a period
+
+
+class Answer(NamedTuple):
+    """Of bumps at a rate; all but the curves in parts of what the drive asks for."""
+
+    depth: float  # of modulation, highest less lowest
+    highest: float
+    lowest: float
+    drive: float  # largest voltage that it takes, of the carrier's without a pole swap
+    wanted: np.ndarray  # envelope over one period
+    got: np.ndarray
+    voltage: np.ndarray  # the drive's
+
+
+def half_sine(u: np.ndarray, duty: float = 0.5) -> np.ndarray:
+    """The ridge of ``bump(u, "half_sine", duty)``, at 0 <= u < 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.plate import half_sine
+    >>> half_sine(np.array([0.0, 0.25, 0.75]))
+    array([0., 1., 0.])
+    """
+    return np.where(u < duty, np.sin(np.pi * u / duty), 0.0)
+
+
+def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envelope=half_sine) -> Answer:
+    """The envelope of a mode's vibration at its resonance, for bumps at a rate, with ``pole_swap`` of a gain or without.
+
+    The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap pass each of them as they do.
+
+    Parameters
+    ----------
+    freq, q : float
+        Of the mode, in Hz; the carrier is at freq.
+    rate : float
+        Bumps per second.
+    gain : float
+        Of the pole swap, from 1 (none) to below 2 q.
+    envelope : function
+        Of the place within a period, 0 <= u < 1, an array.
+
+    Returns
+    -------
+    Answer
+
+    Raises
+    ------
+    BadValue
+        Numbers not above 0; a gain outside its range; an envelope that is constant.
+
+    Examples
+    --------
+    >>> from stimlib.plate import envelope_behind
+    >>> for gain in (1, 4):
+    ...     answer = envelope_behind(158.0, 10.0, rate=20.0, gain=gain)
+    ...     print(gain, round(answer.depth, 2), round(answer.drive, 1))
+    1 0.4 1.0
+    4 0.87 2.0
+    """
+    if not (freq > 0 and q > 0.5 and rate > 0):
+        raise BadValue(f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r} above 0.5")
+    if not 1 <= gain < 2 * q:
+        raise BadValue(f"envelope_behind: gain = {gain!r} must be from 1 to below 2 q = {2 * q:g}")
+    wanted = np.asarray(envelope(np.arange(POINTS) / POINTS), float)
+    if not np.ptp(wanted) > 0:
+        raise BadValue("envelope_behind: an envelope that is constant has no depth")
+    lines = np.fft.fftfreq(POINTS, 1 / POINTS)
+    g = 1 + lines * rate / freq
+
+    def mode(q):
+        return 1j / q / (1 - g * g + 1j * g / q)  # 1 at the resonance
+
+    got = np.abs(np.fft.ifft(np.fft.fft(wanted) * mode(q / gain)))
+    voltage = np.abs(np.fft.ifft(np.fft.fft(wanted) * mode(q / gain) / mode(q)))
+    size = float(np.ptp(wanted))
+    top = float(np.abs(wanted).max())
+    return Answer(
+        float(np.ptp(got)) / size,
+        float(got.max()) / top,
+        float(got.min()) / top,
+        float(voltage.max()) / top,
+        wanted,
+        got,
+        voltage,
+    )
+
+
+def best_gain(freq: float, q: float, rate: float, drive: float, envelope=half_sine) -> float:
+    """The largest gain of a pole swap whose voltage stays within ``drive`` times that without it.
+
+    Raises
+    ------
+    BadValue
+        As of ``envelope_behind``; a drive below 1.
+
+    Examples
+    --------
+    >>> from stimlib.plate import best_gain
+    >>> round(best_gain(158.0, 10.0, rate=20.0, drive=2.0), 1)
+    3.8
+    """
+    if not drive >= 1:
+        raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
+    low, high = 1.0, math.nextafter(2 * q, 0)
+    if envelope_behind(freq, q, rate, high, envelope).drive <= drive:
+        return high
+    for _ in range(40):
+        middle = (low + high) / 2
+        if envelope_behind(freq, q, rate, middle, envelope).drive <= drive:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -1,0 +1,88 @@
+"""What cannot be seen of a plate's frame, from the frequencies that were measured: by gradients through the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue
+from .model import Plate
+
+SCALES = {"E": 1.0, "rho": 1.0, "clamp_stiffness": 1.0, "in_plane_load": None}  # None: not a logarithm but parts of 1 kN/m
+
+
+@dataclass(frozen=True)
+class FrameFit:
+    """``plate`` with the fitted numbers; ``freq`` of the measured modes in Hz; ``residual``, how far each is off, in parts."""
+
+    plate: Plate
+    freq: np.ndarray
+    residual: np.ndarray
+
+
+def fit_frame(
+    model: Plate, measured: Mapping[int, float], vary: Sequence[str] = ("clamp_stiffness", "in_plane_load")
+) -> FrameFit:
+    """Numbers of a plate that bring its modes next to measured frequencies, in the sense of least squares of their ratios.
+
+    Parameters
+    ----------
+    model : Plate
+        Where the search starts.  To fit the clamps' stiffness it needs one, such as 20 D/length.
+    measured : mapping of int to float
+        Frequencies in Hz by mode, 0 the lowest.  Which is which says its shape.
+    vary : sequence of {"E", "rho", "clamp_stiffness", "in_plane_load"}
+        At most as many as measured.
+
+    Returns
+    -------
+    FrameFit
+
+    Raises
+    ------
+    BadValue
+        More numbers than measurements, unknown numbers, frequencies not above 0.
+
+    Examples
+    --------
+    The thesis' measured three; its third is the mode (1, 3), whose middle moves:
+
+    >>> from dataclasses import replace
+    >>> from stimlib.plate import Plate, fit_frame
+    >>> found = fit_frame(replace(Plate.paper(), terms=8), {0: 158.0, 1: 246.0, 3: 548.0}, vary=("E", "in_plane_load"))
+    >>> (100 * found.residual).round(1)
+    array([ 0.8, -2.1,  1.3])
+    """
+    import jax
+    from scipy.optimize import least_squares
+
+    unknown = set(vary) - set(SCALES)
+    if unknown or not 0 < len(vary) <= len(measured):
+        raise BadValue(
+            f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as many of {', '.join(SCALES)}"
+        )
+    order = sorted(measured)
+    want = np.array([measured[k] for k in order], float)
+    if not (want > 0).all() or order[0] < 0:
+        raise BadValue("fit_frame: frequencies must be above 0, by the number of their mode, 0 the lowest")
+    at = np.array(order)
+    modes = model.frequencies(order[-1] + 1)
+
+    def numbers(v):
+        names = zip(vary, v, strict=True)
+        return {n: getattr(model, n) + 1e3 * x if SCALES[n] is None else getattr(model, n) * jax.numpy.exp(x) for n, x in names}
+
+    def residual(v):
+        return modes(numbers(v))[at] / want - 1
+
+    with jax.enable_x64(True):
+        steep = jax.jit(jax.jacfwd(residual))
+        value = jax.jit(residual)
+        found = least_squares(lambda v: np.asarray(value(v)), np.zeros(len(vary)), lambda v: np.asarray(steep(v)), xtol=1e-12)
+        made: dict[str, Any] = {n: float(v) for n, v in numbers(found.x).items()}
+    plate = replace(model, **made)
+    freq = plate.modes(order[-1] + 1)[at]
+    return FrameFit(plate, freq, freq / want - 1)

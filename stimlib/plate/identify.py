@@ -1,0 +1,364 @@
+"""Resonances from recorded sweeps: frequency, quality and shape, each with how well it is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue, RecordingError
+from ..motion.table import read_table
+
+QUANTITIES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+CONFIDENCE = 0.95
+BACKGROUND = 4  # factors of the smooth rest: the other modes, the conjugate pole, a delay
+WIDTHS = 4.0  # half bandwidths on each side that are fitted
+BINS = 5  # lines within the half bandwidth, at least
+DRIVEN = 0.02  # of the strongest line of the drive: below, a line counts as not driven
+EVEN = 0.3  # of it: below, no peak is looked for
+RINGS = 0.03  # of the largest response, at the end of a recording
+HELD = 3  # samples in a row at the largest value: a recorder at its end
+
+
+class Sweep(NamedTuple):
+    """A drive and what answered it, at the same samples."""
+
+    drive: np.ndarray  # (n,) or (points, n)
+    response: np.ndarray  # (points, n)
+    fs: float
+
+
+def read_sweep(source, drive: str, response: Sequence[str], time: str = "t") -> Sweep:
+    """A sweep from columns of a CSV or npz file, a DataFrame or a dict of arrays.
+
+    Parameters
+    ----------
+    source : path or table
+    drive : str
+        Column of the voltage.
+    response : sequence of str
+        Columns of what was measured, one for each point.
+    time : str
+        Column of the time in s, in equal steps.
+
+    Raises
+    ------
+    RecordingError
+        A file that cannot be read, a column that is not there, a number that is none, times that are not in equal steps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.plate import read_sweep
+    >>> sweep = read_sweep({"t": np.arange(3) / 1000, "u": np.ones(3), "centre": np.zeros(3)}, "u", ["centre"])
+    >>> round(sweep.fs), sweep.response.shape
+    (1000, (1, 3))
+    """
+    table = read_table(source)
+    names = [time, drive, *response]
+    for name in names:
+        if name not in table.names:
+            raise table.error("the column is not there", f"choose of {', '.join(table.names)}", column=name)
+    rows = np.concatenate([np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1)
+    step = np.diff(rows[0])
+    if step.size < 2 or not step.min() > 0 or np.ptp(step) > 0.01 * step.mean():
+        raise table.error("the times are not in equal steps", "record at one sample rate, without gaps", column=time)
+    return Sweep(rows[1], rows[2:], float(1 / step.mean()))
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A mode as it was measured.
+
+    Attributes
+    ----------
+    freq, q : float
+        Natural frequency in Hz, and quality.
+    freq_sd, q_sd : float
+        Standard deviations of both, from the noise that the fit leaves.
+    gain : ndarray, shape (points,)
+        Response of the mode per drive far below its resonance, as a displacement; its size at the resonance is q times that.
+    shape : ndarray, shape (points,)
+        The same, 1 where it is largest.
+    shape_sd : ndarray, shape (points,)
+    dof : int
+        Degrees of freedom of the noise's estimate.
+    """
+
+    freq: float
+    q: float
+    freq_sd: float
+    q_sd: float
+    gain: np.ndarray
+    shape: np.ndarray
+    shape_sd: np.ndarray
+    dof: int
+
+    def _interval(self, value: float, sd: float) -> tuple[float, float]:
+        from scipy.stats import t
+
+        half = float(t.ppf(0.5 + CONFIDENCE / 2, self.dof)) * sd
+        return value - half, value + half
+
+    @property
+    def freq_interval(self) -> tuple[float, float]:
+        """Where the frequency lies in 95 of 100 such sweeps, in Hz."""
+        return self._interval(self.freq, self.freq_sd)
+
+    @property
+    def q_interval(self) -> tuple[float, float]:
+        """Where the quality lies in 95 of 100 such sweeps."""
+        return self._interval(self.q, self.q_sd)
+
+    def __repr__(self):
+        return (
+            f"Resonance({self.freq:.6g} +- {self.freq_sd:.1g} Hz, q = {self.q:.4g} +- {self.q_sd:.1g}, {self.shape.size} points)"
+        )
+
+
+def identify(drive, response, fs: float, band: tuple[float, float] | None = None, quantity: str = "displacement") -> Resonance:
+    """A resonance from a recorded sweep, at one point or at many.
+
+    Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p for all points.  R and the rest are found
+    by linear least squares for each p, and p by Gauss and Newton's method.  Noise that is white near the resonance is uniform
+    there, so these are the most likely numbers, and the curvature says how well they are known.  A delay between the two
+    recordings goes into R and the rest.
+
+    Parameters
+    ----------
+    drive : array_like, shape (n,) or (points, n)
+        Recorded voltage: a chirp through the resonance, at rest before and after it.
+    response : array_like, shape (n,) or (points, n)
+    fs : float
+        Sample rate of both, in Hz.
+    band : (float, float), optional
+        Where the resonance is looked for, in Hz; by default wherever the sweep drives.
+    quantity : {"displacement", "velocity", "acceleration"}
+        What the response is.
+
+    Returns
+    -------
+    Resonance
+
+    Raises
+    ------
+    BadValue
+        Arrays that do not fit, numbers that are not finite, an unknown quantity.
+    RecordingError
+        A response that is clipped, a sweep that misses the resonance, or one that is too short for it; says what to record again.
+
+    References
+    ----------
+    The touch-screen thesis, section 2.2: frequency sweeps of 1 .. 625 Hz, velocities at 25 points.  Ewins, "Modal Testing"
+    (2000); Golub and Pereyra, Inverse Problems 19 (2003) R1, for separable least squares.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import chirp, mode
+    >>> from stimlib.plate import identify
+    >>> u = chirp(20.0, 400.0, 2.0)
+    >>> r = stimlib.render(stimlib.Scene({"u": u, "y": 2e-6 * mode(u, 158.0, q=10)}), {}, fs=4000, seconds=2.5)
+    >>> noise = 2e-8 * np.random.default_rng(1).standard_normal(r.y.shape[1])
+    >>> found = identify(r["u"], r["y"] + noise, fs=4000)
+    >>> abs(found.freq - 158) < 0.1, abs(found.q - 10) < 0.1, abs(found.gain[0] / 2e-6 - 1) < 0.01
+    (True, True, np.True_)
+    """
+    u, y = _signals(drive, response)
+    if quantity not in QUANTITIES:
+        raise BadValue(f"identify: quantity = {quantity!r}; choose one of {', '.join(QUANTITIES)}")
+    _check_clipped(y)
+    f = np.fft.rfftfreq(y.shape[1], 1 / fs)
+    U, Y = np.fft.rfft(u), np.fft.rfft(y)
+    power = np.abs(U).max(axis=0) if len(U) > 1 else np.abs(U[0])
+    strong = power > DRIVEN * power.max()
+    strong[0] = False
+    low, high = (0.0, fs / 2) if band is None else band
+    inside = strong & (f >= low) & (f <= high)
+    freq, half = _peak(f, U, Y, inside & (power > EVEN * power.max()))
+    for _ in range(3):
+        near = np.abs(f - freq) <= WIDTHS * half
+        if not strong[near].all() or freq - half < low or freq + half > high:
+            wide = 2 * WIDTHS * half
+            raise RecordingError(
+                f"identify: the sweep misses the resonance near {freq:.4g} Hz: of the band it drives {f[inside][0]:.4g} .. "
+                f"{f[inside][-1]:.4g} Hz; record {max(0.0, freq - wide):.3g} .. {freq + wide:.3g} Hz, evenly"
+            )
+        if half < BINS * f[1]:
+            raise RecordingError(
+                f"identify: {y.shape[1] / fs:.3g} s are too short for a resonance of {2 * half:.3g} Hz width near {freq:.4g} Hz; "
+                f"record at least {math.ceil(2 * BINS / half)} s, and until it no longer rings"
+            )
+        pole, cov, residues, noise, dof = _fit(f[near], U[:, near], Y[:, near], freq, half)
+        freq, half = abs(pole) / (2 * math.pi), -pole.real / (2 * math.pi)
+        if not (half > 0 and low <= freq <= high):
+            raise RecordingError("identify: no resonance in the band; sweep through it, or give band=(low, high) around it")
+    _check_quiet(y, fs, freq, half)
+    w, b = abs(pole), -pole.real / abs(pole)
+    slopes = np.array([[pole.real, pole.imag], [b * b - 1, -b * pole.imag / w]]) / w  # of w and b by the pole's parts
+    sd = np.sqrt(np.diag(slopes @ cov @ slopes.T))
+    gain = residues * 2j * pole.imag / w**2 / pole ** QUANTITIES[quantity]
+    largest = gain[np.abs(gain).argmax()]
+    sign = np.sign(largest.real) or 1.0
+    real = (gain * np.exp(-1j * np.angle(largest))).real
+    return Resonance(
+        freq=w / (2 * math.pi),
+        q=0.5 / b,
+        freq_sd=float(sd[0]) / (2 * math.pi),
+        q_sd=float(sd[1]) * 0.5 / b**2,
+        gain=sign * real,
+        shape=real / abs(largest),
+        shape_sd=np.full(real.size, noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest)),
+        dof=dof,
+    )
+
+
+def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        u, y = (np.atleast_2d(np.asarray(v, float)) for v in (drive, response))
+    except (TypeError, ValueError):
+        raise BadValue("identify: drive and response must be rows of numbers") from None
+    if u.ndim != 2 or y.ndim != 2 or u.shape[1] != y.shape[1] or len(u) not in (1, len(y)):
+        raise BadValue(
+            f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one drive or one for each"
+        )
+    for name, v in (("drive", u), ("response", y)):
+        if not np.isfinite(v).all():
+            raise BadValue(f"identify: {name} has a sample that is not finite")
+        if not np.ptp(v, axis=1).all():
+            raise RecordingError(f"identify: a row of the {name} never changes: check the cable, and record again")
+    return u, y
+
+
+def _check_clipped(y: np.ndarray) -> None:
+    for k, row in enumerate(y):
+        for end in (row.max(), row.min()):
+            at = np.flatnonzero(row == end)
+            held = np.convolve(np.diff(at) == 1, np.ones(HELD - 1), "valid") if at.size >= HELD else np.zeros(1)
+            if end != 0 and held.max(initial=0.0) >= HELD - 1:
+                raise RecordingError(
+                    f"identify: the response of point {k} is clipped at {end:g}: {at.size} samples stand there; lower the drive "
+                    "or the recorder's gain, and record again"
+                )
+
+
+def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
+    """What rings at the resonance in the last part of a recording, two time constants long, against its largest sample."""
+    last = y[:, -max(8, int(fs / (math.pi * half))) :]
+    turning = np.exp(-2j * math.pi * freq / fs * np.arange(last.shape[1]))
+    rest = float(np.linalg.norm(2 * np.mean(last * turning, axis=1)) / np.linalg.norm(np.abs(y).max(axis=1)))
+    if rest > RINGS:
+        raise RecordingError(
+            f"identify: it still rings at the end of the recording, with {100 * rest:.0f} % of the largest sample: too short; "
+            f"record {math.ceil(100 * 8 / (2 * math.pi * half)) / 100:g} s more behind the sweep"
+        )
+
+
+def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
+    """Frequency of the largest response, and half the width at which its square is half."""
+    if inside.sum() < 4 * BINS:
+        raise RecordingError("identify: the sweep misses the band: hardly a line of its spectrum lies there; sweep through it")
+    at = np.flatnonzero(inside)
+    size = np.sum(np.abs(Y[:, at] / U[:, at]) ** 2, axis=0)
+    k = int(np.convolve(size, np.ones(3), "same").argmax())
+    above = size < size[k] / 2
+    left = int(np.flatnonzero(above[:k])[-1]) if above[:k].any() else 0
+    right = k + int(np.flatnonzero(above[k:])[0]) if above[k:].any() else at.size - 1
+    if k <= 2 or k >= at.size - 3:
+        raise RecordingError(
+            f"identify: the response still rises at {f[at[k]]:.4g} Hz, where the sweep or the band ends, so it misses the "
+            "resonance; sweep further"
+        )
+    return float(f[at[k]]), float(max(f[at[right]] - f[at[left]], f[1]) / 2)
+
+
+def _fit(f, U, Y, freq: float, half: float) -> tuple[complex, np.ndarray, np.ndarray, float, int]:
+    """Pole (rad/s), covariance of its parts, residues, standard deviation of a residue, degrees of freedom."""
+    from scipy.optimize import least_squares
+
+    w, scale = 2j * math.pi * f, 2 * math.pi * half
+    t = (f - freq) / half
+    smooth = np.stack([t**k for k in range(BACKGROUND)])
+
+    def solved(p: complex) -> tuple[np.ndarray, np.ndarray, float]:
+        rest, residues, spread = [], [], 0.0
+        for k, y in enumerate(Y):
+            A = (np.vstack([scale / (w - p), smooth]) * U[min(k, len(U) - 1)]).T
+            Q, R = np.linalg.qr(A)
+            c = Q.conj().T @ y
+            rest.append(y - Q @ c)
+            inverse = np.linalg.inv(R)
+            residues.append(scale * (inverse[0] @ c))
+            spread = max(spread, scale * float(np.linalg.norm(inverse[0])))
+        return np.concatenate(rest), np.array(residues), spread
+
+    def pole(v: np.ndarray) -> complex:
+        return complex(-math.exp(v[0]) * scale, 2 * math.pi * freq + v[1] * scale)
+
+    size = float(np.linalg.norm(Y))
+
+    def rest(v: np.ndarray) -> np.ndarray:
+        r = solved(pole(v))[0] / size
+        return np.r_[r.real, r.imag]
+
+    found = least_squares(rest, [0.0, 0.0], jac="3-point", bounds=([-3, -3], [3, 3]), xtol=1e-12, ftol=1e-12)
+    p = pole(found.x)
+    dof = 2 * Y.size - 2 - 2 * (1 + BACKGROUND) * len(Y)
+    variance = 2 * found.cost / dof
+    by = np.diag([p.real, scale])  # of the pole's parts by v
+    cov = by @ np.linalg.inv(found.jac.T @ found.jac) @ by * variance
+    _, residues, spread = solved(p)
+    return p, cov, residues, spread * math.sqrt(variance) * size, dof
+
+
+class Drift(NamedTuple):
+    """A resonance's frequency over temperature, freq + slope (T - at)."""
+
+    at: float  # mean temperature, in degrees
+    freq: float  # there, in Hz
+    slope: float  # Hz per degree
+    freq_sd: float
+    slope_sd: float
+
+    def __call__(self, temperature: float) -> float:
+        """The frequency in Hz at a temperature."""
+        return self.freq + self.slope * (temperature - self.at)
+
+
+def drift(found: Sequence[Resonance], temperature) -> Drift:
+    """How a resonance moves with temperature: a straight line through sweeps, each as heavy as it is well known.
+
+    Parameters
+    ----------
+    found : sequence of Resonance
+        Of ``identify``, at least three.
+    temperature : array_like
+        Of each, in any unit of one degree.
+
+    Raises
+    ------
+    BadValue
+        Fewer than three sweeps, or all at one temperature.
+
+    Examples
+    --------
+    A plate that warms more than its frame is pressed by it, and its resonance falls; so let the carrier follow:
+
+    >>> import numpy as np
+    >>> from stimlib.plate import Resonance, drift
+    >>> one = np.ones(1)
+    >>> line = drift([Resonance(f, 10.0, 0.01, 0.1, one, one, 0 * one, 99) for f in (160.0, 158.0, 156.0)], [20.0, 21.0, 22.0])
+    >>> round(line.slope, 6), round(line(20.5), 6)
+    (-2.0, 159.0)
+    """
+    T, f = np.asarray(temperature, float), np.array([r.freq for r in found])
+    w = 1 / np.maximum([r.freq_sd for r in found], 1e-9 * f) ** 2
+    if T.shape != f.shape or f.size < 3 or not np.ptp(T) > 0:
+        raise BadValue(f"drift: {f.size} sweeps at temperatures {T.tolist()!r:.60}; measure at least three, at two temperatures")
+    at = float(w @ T / w.sum())
+    spread = float(w @ (T - at) ** 2)
+    slope = float(w @ ((T - at) * f)) / spread
+    return Drift(at, float(w @ f / w.sum()), slope, float(w.sum() ** -0.5), spread**-0.5)
