@@ -324,3 +324,48 @@ def test_each_says_what_it_takes(f, why):
 def test_a_helper_of_each_is_straight_line():
     with pytest.raises(SceneError, match="chosen: `if` chooses at run time"):
         run(tiled(with_if), "numba", 64)
+
+
+# Two blocks of one class ------------------------------------------------------------------------------------------------
+class Memory(NamedTuple):
+    y: float
+    last: float
+    cold: float
+
+
+class Gains(NamedTuple):
+    k: float
+    u: np.uint64
+
+
+def straight(p, s, a):
+    y = where(s.cold > 0.0, a, fma(p.k, a - s.y, s.y) + as_float(p.u) * s.last)
+    return flush(y - s.last), Memory(y, a, 0.0)
+
+
+def decaying(p, s, a):
+    y = where(s.cold > 0.0, a, fma(p.k, a - s.y, s.y) * exp(-p.k))
+    return y - s.last, Memory(y, a, 0.0)
+
+
+@pytest.mark.parametrize("f", [straight, decaying], ids=lambda f: f.__name__)
+def test_two_blocks_abreast_have_the_same_bits(f):
+    """One in each lane, with numbers, inputs and states of its own; or in one loop, where vectors lack what it needs."""
+
+    @dataclass(frozen=True, eq=False)
+    class Some(Block):
+        a: Block
+        k: float
+        step = staticmethod(f)
+
+        def design(self, fs):
+            return Gains(self.k, np.uint64(8 * self.k)), Memory(0.0, self.k, 1.0)
+
+    assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
+    scene = Scene({"y": Some(Input("a"), 0.5), "z": Some(Input("b"), 0.125)})
+    ours, wanted = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
+    x = motion(100)
+    y = np.concatenate([ours.process(x[:, k : k + 13].copy()) for k in range(0, 100, 13)], axis=1)
+    assert_same(y, wanted.process(x))
+    assert_same(ours.state, wanted.state)
+    assert len(set(filter(None, ours._engine.segments))) == 2  # with the guard

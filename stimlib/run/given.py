@@ -28,7 +28,7 @@ def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None,
     """Raise BadValue unless an array is what ``process`` takes."""
     texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
     wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
-    if not isinstance(a, np.ndarray):
+    if not isinstance(a, np.ndarray) or isinstance(a, np.ma.MaskedArray):
         raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
     if not any(a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True)) for s in shapes):
         raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
@@ -36,5 +36,7 @@ def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None,
         raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
     if not a.flags.c_contiguous:
         raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
+    if not a.flags.aligned:
+        raise BadValue(f"process: {name} is not aligned in memory; use {name}.copy()")
     if name == "out" and not a.flags.writeable:
         raise BadValue("process: out is read-only")

@@ -9,7 +9,7 @@ import copy
 import threading
 import types
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ...blocks.noise import White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
-from . import lanes
+from . import calls, lanes
 from .cache import load
 from .segments import kinds, segment
 
@@ -165,7 +165,7 @@ class Engine:
     def _allot(self) -> None:
         """Memory of one run, in whole lines of the cache: threads that run copies write into no line of each other."""
         machine, params = runtime(), len(self._param)
-        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 18
+        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 20
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
@@ -183,9 +183,10 @@ class Engine:
             self._empty[1].shape[0], self._outs_at, self.N.ctypes.data, self.index.ctypes.data, self._clocks, -1,
             self.pending.ctypes.data, params, 0, machine.entry.address,
         ]  # fmt: skip
+        self.ctx[18:20] = calls.array_words()
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
-        self.process: Callable[[np.ndarray, np.ndarray], int] = partial(machine.process, self.address[1])
-        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
+        self.process = calls.function(machine.process.address, self.address[1])
+        """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when they are no such arrays."""
 
     def copy(self) -> Engine:
         """Another run of the same program: with memory of its own, all tables shared."""

@@ -22,7 +22,7 @@ from ...core.graph import Abs, Add, AtLeast, Block, Div, Equal, Greater, Mul, Ne
 from ...core.steps import used
 from ...errors import SceneError
 from . import kernels, native
-from .kernels import DOUBLE, F8, I64, cases, known, load, loop, shuffle, splat, store
+from .kernels import DOUBLE, F8, I32, I64, cases, known, load, loop, shuffle, splat, store
 from .native import I8
 
 WIDTHS = 16, 2
@@ -150,7 +150,7 @@ NAMESPACE = python.SimpleNamespace(**TWINS, SILENT=maths.SILENT, TINY=maths.TINY
 
 def twin(v: Any) -> Any:
     """What a global of a helper becomes, a helper's own or that of its compiled text; None where there is nothing."""
-    if isinstance(v, (float, np.uint64)) or v is abs or v is range:
+    if isinstance(v, (float, np.uint64)) or v is abs or v is range or (isinstance(v, type) and hasattr(v, "_fields")):
         return v
     if v is maths or v is native:
         return NAMESPACE
@@ -202,6 +202,17 @@ def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
     return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, p_kinds, "f" * inputs)
 
 
+def go_abreast(step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, inputs: int) -> bool:
+    """Whether a step with a state of floats can run in vectors, a block in each lane."""
+    run, k = twin(step), len(s_kinds)
+
+    def flat(p, *v):
+        y, s = run(p, s_type(*v[:k]), *v[k:])
+        return y, *s
+
+    return set(s_kinds) == {"f"} and not fault(run and flat, p_type, p_kinds, "f" * (k + inputs))
+
+
 def _steps(b, step, p, x, y, n):
     """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
 
@@ -233,6 +244,41 @@ def steps(ctx, f, p, x, y, n):
         return c.get_dummy_value()
 
     return types.void(f, p, x, y, types.int64), code
+
+
+@intrinsic
+def abreast(ctx, f, p, s, x, y, n):
+    """A step along the slots of two blocks, one in each lane; p, s, x, y have what is of the one and of the other.  The states
+    after n samples come back."""
+
+    def code(c, b, sig, v):
+        p, s, x, y, n = v[1:]
+
+        def both(one, other):
+            none = ir.Constant(ir.VectorType(one.type, 2), ir.Undefined)
+            return b.insert_element(b.insert_element(none, one, I32(0)), other, I32(1))
+
+        def pairs_of(pair, t):
+            one, other = (b.extract_value(pair, k) for k in range(2))
+            return [(b.extract_value(one, k), b.extract_value(other, k)) for k in range(len(t[0]))]
+
+        step, S = twin(f.dispatcher), sig.args[2][0]
+        lanes = [Lanes(b, both(*pair)) for pair in pairs_of(p, sig.args[1])]
+        numbers = sig.args[1][0].instance_class(*lanes) if lanes else ()
+        cells = [cgutils.alloca_once_value(b, both(*pair)) for pair in pairs_of(s, sig.args[2])]
+        with loop(b, I64(0), n, 1) as (i, _):
+            samples = [Lanes(b, both(*(b.load(b.gep(q, [i])) for q in pair))) for pair in pairs_of(x, sig.args[3])]
+            old = S.instance_class(*(Lanes(b, b.load(cell)) for cell in cells))
+            out, new = step(numbers, old, *samples)
+            for k in range(2):
+                b.store(b.extract_element(old[0].like(out), I32(k)), b.gep(b.extract_value(y, k), [i]))
+            for cell, value in zip(cells, new, strict=True):
+                b.store(old[0].like(value), cell)
+        last = [b.load(cell) for cell in cells]
+        states = [c.make_tuple(b, S, [b.extract_element(value, I32(k)) for value in last]) for k in range(2)]
+        return c.make_tuple(b, sig.return_type, states)
+
+    return types.UniTuple(s[0], 2)(f, p, s, x, y, types.int64), code
 
 
 def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str) -> Callable:

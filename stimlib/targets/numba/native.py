@@ -21,6 +21,8 @@ plain = njit(error_model="numpy", inline="always")
 I64, DOUBLE = ir.IntType(64), ir.DoubleType()
 
 TINY, SILENT = maths.TINY, maths.SILENT
+C_ORDER, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400  # flags of an array
+NUMBERS = -1 ^ (0xFF << 24)  # bits of word 3 of a type of numbers: kind, letter, order of bytes, not the next, number
 
 
 # one value -----------------------------------------------------------------------------------------------------------
@@ -114,11 +116,6 @@ f8_at, i8_at = _pointer(F8), _pointer(I8)
 def data(ctx, a):
     """Pointer to an array's first word."""
     return types.CPointer(a.dtype)(a), lambda c, b, s, v: c.make_array(s.args[0])(c, b, v[0]).data
-
-
-@intrinsic
-def address(ctx, p):
-    return i8(p), lambda c, b, s, v: b.ptrtoint(v[0], I64)
 
 
 @intrinsic

@@ -5,11 +5,12 @@ Its text is compiled from the cache, named by content, like a segment's.
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.numba import kernels, lanes
-from stimlib.targets.numba.native import F8, FIR, I8, MEMORY, MODES, address, as_i8, at, call, data, f8_at, i8_at, move, run
+from stimlib.targets.numba import kernels, lanes, native
+from stimlib.targets.numba.native import F8, FIR, I8, MEMORY, MODES, as_i8, at, call, f8_at, i8_at, move, run
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
-#      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17 whether still rows have been run
+#      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17 whether still rows have been run,
+#      18 numpy's array, 19 what tells float64
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no parameter moves), -
 OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
 
@@ -175,16 +176,31 @@ def entry(ctx, x, y, n):
         ctx[15] += n
 
 
-ARRAYS = types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C", readonly=True)
+# of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type of numbers, 8 flags (an int): see calls
+READ, WRITE = native.C_ORDER | native.ALIGNED, native.C_ORDER | native.ALIGNED | native.WRITEABLE
+number = types.ExternalFunction("PyLong_FromLongLong", types.int64(types.int64))
+value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
 
 
-@njit([types.int64(types.int64, a, ARRAYS[0]) for a in ARRAYS], cache=True, error_model="numpy")
-def process(place, x, y):
-    ctx = i8_at(place)  # a number is handed over faster than an array, and Python's lock faster kept than given away
-    if x.shape[0] != ctx[6] or y.shape[0] != ctx[7] or x.shape[1] != y.shape[1]:
-        return 1
-    apart = address(data(y)) - address(data(x))
-    if x.size > 0 and -8 * y.size < apart < 8 * x.size and apart % (8 * x.shape[1]) != 0:
-        return 1  # a sample would be written before it is read; whole rows are read first, and no rows may lie anywhere
-    run(ctx[16], ctx, data(x), data(y), y.shape[1])
-    return 0
+@njit(error_model="numpy", inline="always")
+def fits(a, flags, ctx):
+    """Whether an object is an array of float64 with two axes and these flags."""
+    return a[1] == ctx[18] and a[3] & 0xFFFFFFFF == 2 and a[8] & flags == flags and i8_at(a[7])[3] & native.NUMBERS == ctx[19]
+
+
+@cfunc(types.int64(types.int64, I8, types.int64), cache=True, error_model="numpy")
+def process(me, args, count):
+    """A function of Python, as METH_FASTCALL has it: of (x, out), made for the context at the number ``me``."""
+    ctx = i8_at(value(me))
+    if count != 2:
+        return number(1)
+    x, y = i8_at(args[0]), i8_at(args[1])
+    if not fits(x, READ, ctx) or not fits(y, WRITE, ctx):
+        return number(1)
+    n_x, n_y, n = i8_at(x[4])[0], i8_at(y[4])[0], i8_at(y[4])[1]
+    if n_x != ctx[6] or n_y != ctx[7] or i8_at(x[4])[1] != n:
+        return number(1)
+    if n_x > 0 and -8 * n_y * n < y[2] - x[2] < 8 * n_x * n and (y[2] - x[2]) % (8 * n) != 0:
+        return number(1)  # a sample would be written before it is read; whole rows are read first, and no rows may lie anywhere
+    run(ctx[16], ctx, f8_at(x[2]), f8_at(y[2]), n)  # Python's lock is faster kept than given away
+    return number(0)

@@ -118,6 +118,15 @@ def segment(
     elif inputs and y == ["y"] and not s_kinds and not set(p_kinds) & {"F", "U"} and lanes.in_vectors(f, p_type, p_kinds, inputs):
         x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
         lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
+    elif copies == 2 and lanes.go_abreast(f, p_type, p_kinds, s_type, s_kinds, inputs):
+        out.append(
+            '@_sl_njit(error_model="numpy")\ndef _sl_one(p, s, *x):\n    y, s = _sl_block(p, s, *x)\n'
+            + "".join(f"    {text}\n" for text in warm) + "    return y, s\n"
+        )  # fmt: skip
+        slots = [f"_sl.at(W, A[{k}])" for k in range(2 * inputs + 2)]
+        one, other = (f"({', '.join(v)},)" if (v := slots[k : k + inputs]) else "()" for k in (0, inputs + 1))
+        ys = f"({slots[inputs]}, {slots[-1]})"
+        lines.append(f"s, s1 = _sl_lanes.abreast(_sl_one, (p, p1), (s, s1), ({one}, {other}), {ys}, n)")
     else:
         lines.append("for i in range(n):")
         for c in blocks:

@@ -1,0 +1,95 @@
+"""A call past numba's dispatcher: machine code looks at the arrays itself, anew each time."""
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from laws import assert_same
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.errors import BadValue, StimlibError
+from stimlib.targets.numba import calls
+
+
+@pytest.fixture(scope="module")
+def proc():
+    return stimlib.compile(Scene({"y": Input("x") + Input("z")}), 1000)
+
+
+def unaligned(shape):
+    return np.zeros(8 * np.prod(shape) + 1, np.uint8)[1:].view(float).reshape(shape)
+
+
+def fixed(a):
+    a.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda x, out: setattr(x, "dtype", np.int64), "x must be float64 .* int64"),
+        (lambda x, out: setattr(x, "dtype", ">f8"), "x must be float64 .* >f8"),
+        (lambda x, out: setattr(out, "dtype", "m8[s]"), "out must be float64 .* timedelta64"),
+        (lambda x, out: setattr(x, "shape", (1, 10)), r"x must be .* got shape \(1, 10\)"),
+        (lambda x, out: setattr(x, "shape", (10,)), r"x must be .* got shape \(10,\)"),
+        (lambda x, out: setattr(out, "shape", (1, 1, 5)), r"out must be .* got shape \(1, 1, 5\)"),
+        (lambda x, out: out.resize((1, 4), refcheck=False), r"out must be .* got shape \(1, 4\)"),
+        (lambda x, out: fixed(out), "out is read-only"),
+    ],
+)  # fmt: skip
+def test_what_an_array_has_become_is_seen(proc, change, words):
+    """It was good, and called with; nothing that was found then is trusted."""
+    x, out, index = np.ones((2, 5)), np.zeros((1, 5)), proc.index
+    proc.process(x, out)
+    change(x, out)
+    with pytest.raises(BadValue, match=words):
+        proc.process(x, out)
+    assert proc.index == index + 5
+
+
+@pytest.mark.parametrize(
+    ("x", "out", "words"),
+    [
+        (unaligned((2, 5)), np.zeros((1, 5)), "x is not aligned"), (np.ones((2, 5)), unaligned((1, 5)), "out is not aligned"),
+        (np.ma.masked_array(np.ones((2, 5)), True), None, "got MaskedArray"),
+        (np.ones((2, 5)), np.ma.masked_array(np.ones((1, 5))), "got MaskedArray"),
+    ],
+)  # fmt: skip
+def test_what_compiled_code_cannot_take_is_refused(proc, x, out, words):
+    with pytest.raises(BadValue, match=words):
+        proc.process(x, out)
+
+
+def test_arrays_of_other_makers(proc, tmp_path):
+    """An unpickled array has a type object of its own; a mapped file is of a class derived from numpy's."""
+    x = np.random.default_rng(0).standard_normal((2, 5))
+    other = pickle.loads(pickle.dumps(x))
+    assert other.dtype is not x.dtype, "or this tests nothing"
+    mapped = np.memmap(tmp_path / "x", float, "w+", shape=(2, 5))
+    out = np.memmap(tmp_path / "y", float, "w+", shape=(1, 5))
+    mapped[:] = x
+    assert_same(proc.process(other), x[:1] + x[1:])
+    assert proc.process(mapped, out) is out
+    assert_same(np.asarray(out), x[:1] + x[1:])
+    assert_same(np.asarray(mapped), x)
+
+
+def test_a_call_keeps_and_takes_nothing(proc):
+    """References are as before, whatever the call says; wrong numbers of arguments are refused before they are looked at."""
+    x, out = np.ones((2, 5)), np.zeros((1, 5))
+    before = [sys.getrefcount(v) for v in (x, out, 0, 1)]
+    for _ in range(100):
+        assert proc._run(x, out) == 0
+        assert proc._run(x, x) == proc._run(x) == proc._run() == proc._run(x, out, out) == proc._run(None, 1) == 1
+    after = [sys.getrefcount(v) for v in (x, out, 0, 1)]
+    assert all(abs(a - b) < 20 for a, b in zip(before, after, strict=True))
+
+
+def test_another_layout_of_arrays_is_found(monkeypatch):
+    """Before any call; here numpy's arrays have their words one further on."""
+    word = calls._word
+    monkeypatch.setattr(calls, "_word", lambda address, k: word(address, k + 1))
+    with pytest.raises(StimlibError, match="lays out its arrays"):
+        calls.array_words.__wrapped__()
