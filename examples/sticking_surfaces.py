@@ -1,4 +1,4 @@
-"""Two surfaces without a block of one's own: one that sticks, slips and rustles, and LuGre's friction as a loop.
+"""Surfaces without a block of one's own: one that sticks and slips, a texture on top, and LuGre's friction as a loop.
 
 python examples/sticking_surfaces.py [--plot FILE]
 """
@@ -8,16 +8,17 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.blocks import bandpass, constant, exp, friction, loop, stick_slip, velocity, white_noise
+from stimlib.blocks import constant, exp, friction, loop, stick_slip, texture, velocity
+from stimlib.design.texture import made_up
 from stimlib.motion.generators import minimum_jerk
 
 
 def squeaks() -> stimlib.Scene:
     x = stimlib.Input("x", "m")
     press = stimlib.Param("press", 1.0, "N")
-    speed = abs(velocity(x, cutoff=50)) / constant(0.1, "m/s")
-    rustle = 0.1 * speed * bandpass(white_noise(seed=1), 100, 400, order=2)
-    return stimlib.Scene({"force": stick_slip(x, press, static=0.8, kinetic=0.5, stiffness=1000.0) + press * rustle})
+    vibration = texture(velocity(x, cutoff=50), press, made_up(), seed=1)  # or load_texture("mesh.xml")
+    moving = constant(0.02, "kg") * vibration  # of the finger's tip
+    return stimlib.Scene({"force": stick_slip(x, press, static=0.8, kinetic=0.5, stiffness=1000.0) + moving})
 
 
 def lugre(fs: float) -> stimlib.Scene:
@@ -36,7 +37,7 @@ def main() -> None:
     force = squeak["force"]
     falls = np.diff(force[:4000]) < -0.1
     slips = np.sum(falls[1:] & ~falls[:-1])
-    print(f"stroking: {slips} slips in 40 mm, largest {np.abs(force).max():.2f} N; held: {np.ptp(force[5600:6400]):.2g} N")
+    print(f"stroking: {slips} slips in 40 mm, largest {np.abs(force).max():.2f} N; held: {np.ptp(force[5600:6400]):.3f} N")
     bristles = stimlib.render(lugre(8000), stroke, fs=8000, seconds=1.4)
     apart = np.abs(bristles["loop"] - bristles["block"]).max()
     most, fast = np.abs(bristles["block"]).max(), bristles["block"][2000]
