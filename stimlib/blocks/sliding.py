@@ -44,8 +44,8 @@ def held(v):
 
 
 def within(z, c):
-    """z held between -c and c."""
-    return where(z > c, c, where(z < -c, -c, z))
+    """z held between -c and c; nan if c is."""
+    return where(z > c, c, where(z >= -c, z, -c))
 
 
 def sign(x):
@@ -159,7 +159,7 @@ class ElastoPlastic(Friction):
         left, mean = relax(where(c > b, flow / (c - b), 0.0))
         after = where(a > rest, c - d * left, u + a)
         r = e / a
-        m = where(a > rest, r * (u + 0.5 * e) + (1.0 - r) * (c - d * mean), u + 0.5 * a)
+        m = where(a <= rest, u + 0.5 * a, r * (u + 0.5 * e) + (1.0 - r) * (c - d * mean))
         return k * sign(dx) * m, FrictionState(x, sign(dx) * after, k, 0.0)
 
 
@@ -264,7 +264,7 @@ class Stribeck(Block):
         return u[1]
 
     def design(self, fs):
-        return StribeckParams(self.rise, fs / self.speed), PlaceState(0.0, 1.0)
+        return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
         """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2)."""

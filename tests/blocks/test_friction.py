@@ -178,15 +178,27 @@ def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
     """What smooths them goes through 1e-190: then c/q or limit/k are beyond the largest number."""
     k = Input("k", "N/m")
     made = {law: block(law, k=k) if law != "stick_slip" else stick_slip(X, NORMAL, F, F / 2, k) for law in (*LAWS, "stick_slip")}
-    proc = stimlib.compile(Scene({**made, "soft": stick_slip(X, 1.0, F, F / 2, k)}), 8000, "python")
+    made |= {"soft": stick_slip(X, 1.0, F, F / 2, k), "at_once": friction(X, NORMAL, F, k, static=STATIC, speed=1e-310)}
+    proc = stimlib.compile(Scene(made), 8000, "python")
     small = np.array([1e-100, 1e-160, 1e-190, 1e-300, 1e-310, 5e-324])
     one, n = np.ones(4), np.concatenate
     rows = {"normal": n([one, small, one, np.ones(6), one]), "k": K * n([one, np.ones(6), one, small, one])}
     x = 1e-3 * np.arange(24.0)
+    x[11] = x[10]  # held
     y = proc.process(np.array([rows.get(name, x) for name in proc.inputs]))
     assert proc.fault is None
     assert (y[:, [3, 13, 23]] > 0.4 * F).all(), "and the surface is there again"
     assert (np.abs(y[4, 4:10]) < 1e-30).all() and (np.abs(y[:, 14:20]) < 1e-30).all()
+
+
+@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
+def test_a_normal_force_that_is_no_number_closes_the_guard(law):
+    """And is no spring without an end."""
+    y = stick_slip(X, NORMAL, F, F / 2, K) if law == "stick_slip" else block(law, X, NORMAL)
+    proc = stimlib.compile(Scene({"F": y}), 8000, "python")
+    rows = {"x": 1e-4 * np.arange(4.0), "normal": np.array([1.0, 1.0, np.nan, 1.0])}
+    proc.process(np.array([rows[name] for name in proc.inputs]))
+    assert proc.fault == ("F", 2)
 
 
 def test_the_least_movement_keeps_the_force():
