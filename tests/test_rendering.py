@@ -48,7 +48,8 @@ def test_a_fault_raises_or_is_ignored_on_demand():
     [
         (RAMP * 1j, "complex128"), (RAMP > 0, "bool"), (RAMP.astype(object), "object"), (["1", "2"], "<U1"),
         ([[1], [2, 3]], "real"),
-        (x, "real numbers"), (None, "object"), ("ramp", "<U4"), (RAMP.reshape(2, 3), "one dimension"), (5.0, "one dimension"),
+        (x, "real numbers"), (None, "object"), ("ramp", "<U4"), (RAMP.reshape(2, 3), "one dimension"),
+        (5.0, "np.full_like(t, 1.0)"),
         (np.array([1.0, np.nan]), "not finite at sample 1"), (np.array([np.inf]), "not finite at sample 0"),
     ],
 )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import Block, Const, as_block
+from ..core.graph import Block, Const, as_block, check_arguments
 from ..core.maths import floor, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError
@@ -225,6 +225,7 @@ def lut2(x, y, table, spacing, origin=0.0, kind: str = "linear", unit: str = "")
     array([[  800.,   741.],
            [    0., 73567.]])
     """
+    check_arguments(lut2, locals())
     if kind not in KINDS:
         raise BadValue(f"lut2: kind = {kind!r}; choose one of {', '.join(KINDS)}")
     x, y = as_block(x), as_block(y)

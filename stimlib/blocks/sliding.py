@@ -12,13 +12,14 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..core.graph import Block, Const, Param, as_block, positive
-from ..core.maths import exp, floor, where
+from ..core.graph import Block, Const, Param, as_block, check_arguments, positive
+from ..core.maths import TINY, exp, floor, where
 from ..core.response import backward
 from ..errors import BadValue, UnitError
 from .impedance import with_unit
 
 LAWS = ("elastoplastic", "coulomb", "dahl", "lugre")
+FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
@@ -43,8 +44,8 @@ def held(v):
 
 
 def within(z, c):
-    """z held between -c and c."""
-    return where(z > c, c, where(z < -c, -c, z))
+    """z held between -c and c; nan if c is."""
+    return where(z > c, c, where(z >= -c, z, -c))
 
 
 def sign(x):
@@ -53,8 +54,9 @@ def sign(x):
 
 
 def deflection(limit, k):
-    """c, where a spring of stiffness k has the force limit."""
-    return where(k > 0.0, held(limit) / k, where(k == k, 0.0, k))
+    """c, where a spring of stiffness k has the force limit: finite, however soft it is."""
+    c = held(limit) / k
+    return where(k > 0.0, where(c > FARTHEST, FARTHEST, c), where(k == k, 0.0, k))
 
 
 def softened(z, before, k):
@@ -89,7 +91,8 @@ class Friction(Block, abstract=True):
         if u[0] * u[2] != u[1]:
             raise UnitError(
                 f"friction: stiffness [{u[2]}] times x [{u[0]}] is [{u[0] * u[2]}], and mu times normal [{u[1]}]: they must be "
-                "one unit; plain numbers are N/m and N"
+                "one unit; plain numbers are N/m and N, so over this x give a stiffness such as "
+                f"constant(1000.0, '{u[1] / u[0]}')"
             )
         return u[1]
 
@@ -155,7 +158,8 @@ class ElastoPlastic(Friction):
         flow, d = a - e, c - (u + e)
         left, mean = relax(where(c > b, flow / (c - b), 0.0))
         after = where(a > rest, c - d * left, u + a)
-        m = where(a > 0.0, (e * (u + 0.5 * e) + flow * (c - d * mean)) / a, u + a)
+        r = e / a
+        m = where(a <= rest, u + 0.5 * a, r * (u + 0.5 * e) + (1.0 - r) * (c - d * mean))
         return k * sign(dx) * m, FrictionState(x, sign(dx) * after, k, 0.0)
 
 
@@ -260,7 +264,7 @@ class Stribeck(Block):
         return u[1]
 
     def design(self, fs):
-        return StribeckParams(self.rise, fs / self.speed), PlaceState(0.0, 1.0)
+        return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
         """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2)."""
@@ -283,7 +287,7 @@ class StickSlip(Friction):
     """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way, with any number of slips in a sample.
 
     After m slips, the way that is left behind slip i < m is |z + dx| - c - i q, q = c - left c: the mean of the sawtooth is that
-    of the spring less q for each.
+    of the spring less q for each, and q times the sum of these ways is m q (|z + dx| - c - (m - 1) q/2).
     """
 
     left: float
@@ -304,12 +308,12 @@ class StickSlip(Friction):
         dx = where(s.cold > 0.0, 0.0, x - s.last)
         t = z + dx
         over = abs(t) - c
-        m = where(over > 0.0, where(q > 0.0, floor(over / q) + 1.0, 0.0), 0.0)
-        ways = m * over - q * (0.5 * m * (m - 1.0))
-        mean = z + 0.5 * dx - where(m > 0.0, sign(t) * q * (ways / abs(dx)), 0.0)
-        after = t - sign(t) * (m * q)
+        sticks = where(q > TINY, 1.0, 0.0)
+        back = where(over > 0.0, (floor(over / q) + 1.0) * q, 0.0)  # by all slips
+        mean = z + 0.5 * dx - where(over > 0.0, sign(t) * (back * ((over - 0.5 * (back - q)) / abs(dx))), 0.0)
         none = 0.0 * q  # where nothing can stick
-        return k * where(q > 0.0, mean, none), FrictionState(x, where(q > 0.0, within(after, c), none), k, 0.0)
+        after = where(sticks > 0.0, within(t - sign(t) * back, c), none)
+        return k * where(sticks > 0.0, mean, none), FrictionState(x, after, k, 0.0)
 
 
 def friction(
@@ -402,6 +406,7 @@ def friction(
     >>> proc.process(1e-3 * np.array([[0.0, 0.2, 0.4, 1.0, 2.0, 1.9]])).round(3)  # 0.5 mm stick
     array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
     """
+    check_arguments(friction, locals())
     if law not in LAWS:
         raise BadValue(f"friction: law = {law!r}; choose one of {', '.join(LAWS)}")
     if law != "lugre" and (damping or viscosity):
@@ -485,6 +490,7 @@ def stick_slip(x: Block, normal, static=0.8, kinetic: float = 0.5, stiffness=100
     >>> proc.process(1e-3 * np.array([[0.0, 0.4, 0.8, 1.0, 1.2, 5.2]])).round(3)  # teeth of 0.4 mm
     array([[0. , 0.2, 0.6, 0.5, 0.7, 0.6]])
     """
+    check_arguments(stick_slip, locals())
     normal = amount("stick_slip", "normal", normal, "N", why=": it presses the surfaces together")
     top = amount("stick_slip", "static", static, "", zero=False)
     if not isinstance(top, Const):

@@ -6,10 +6,11 @@ Only sums and products are used, no mathematical library.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ..core.graph import Block, as_block, positive
+from ..core.graph import Block, as_block, check_arguments, positive
 from ..core.maths import floor, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError
@@ -28,6 +29,14 @@ class Over(Block, abstract=True):
     def delay(self, p):
         """A mean over the last sample period lies half a sample back."""
         return 0.5
+
+
+def not_too_small(owner: Block, *names: str) -> None:
+    """Raise BadValue unless these lengths, and one over them, are numbers above zero."""
+    positive(owner, *names)
+    for name in names:
+        if not math.isfinite(1 / getattr(owner, name)):
+            raise BadValue(f"{type(owner).__name__}.{name} = {getattr(owner, name):g} is too small to divide by; check the unit")
 
 
 # Walls ---------------------------------------------------------------------------------------------------------------
@@ -161,7 +170,7 @@ class Detents(Over):
     spacing: float
 
     def check(self):
-        positive(self, "spacing")
+        not_too_small(self, "spacing")
 
     def units(self, *u):
         return u[1]
@@ -254,7 +263,7 @@ class Button(Over):
     outputs = ("force", "pressed")
 
     def check(self):
-        positive(self, "at", "back")
+        not_too_small(self, "at", "back")
         if not 0 <= self.drop < 1:
             raise BadValue(f"button: drop = {self.drop:g} must be 0 or above and below 1, a part of the peak force")
         if not self.drop * self.at <= self.back <= self.at:
@@ -342,5 +351,6 @@ def button(x: Block, peak=2.0, drop: float = 0.4, at: float = 1e-3, back: float 
     array([[0. , 0.5, 1.5, 2. , 1.4, 1.1],
            [0. , 0. , 1. , 1. , 1. , 0. ]])
     """
+    check_arguments(button, locals())
     peak = amount("button", "peak", peak, "N")
     return Button(as_block(x), peak, as_block(contact), at, 0.8 * at if back is None else back, drop)

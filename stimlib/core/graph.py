@@ -320,9 +320,12 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
 
 
 def check_arguments(make: Callable, values: dict[str, Any]) -> None:
-    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations ask for."""
+    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations ask for.
+
+    Signals, whose annotation names ``Block``, are left to ``as_block``.
+    """
     for name, p in inspect.signature(make).parameters.items():
-        if p.annotation is not p.empty:
+        if p.annotation is not p.empty and "Block" not in p.annotation:
             design_value(f"{make.__name__}: {name}", p.annotation, values[name])
 
 

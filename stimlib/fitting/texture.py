@@ -14,9 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.graph import check_arguments
 from ..design.texture import ORDER, TextureModel, frequencies
 from ..errors import BadValue
 
+LARGEST = 1e9  # number in a recording, whatever its unit
 SHORTEST = 4  # samples for each coefficient in a stretch that is used
 
 
@@ -169,6 +171,7 @@ def fit_texture(
     >>> fit_texture(a, v, f, 1000, speeds=3, forces=3)
     TextureFit(9 of 9 bins, order 14, ... s)
     """
+    check_arguments(fit_texture, locals())
     a, v, f = _signals(acceleration=acceleration, speed=speed, force=force)
     v = np.abs(v)
     for what, value, least, most in (("order", order, 1, ORDER), ("fs", fs, 10, 1e6), ("seconds", seconds, 0, np.inf)):
@@ -197,7 +200,10 @@ def fit_texture(
             f"fit_texture: no bin has {seconds:g} s in stretches of {SHORTEST * order} samples; the fullest: {longest.left_out}; "
             "record longer, with slower changes; or take a lower order, fewer speeds and forces, or fewer seconds"
         )
-    return TextureFit(_joined(found, fs, name), bins)
+    try:
+        return TextureFit(_joined(found, fs, name), bins)
+    except BadValue as e:
+        raise BadValue(f"fit_texture: {e}; give the acceleration in m/s^2, the speed in m/s and the force in N") from None
 
 
 def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order: int) -> Point:
@@ -238,13 +244,17 @@ def _signals(**signals) -> list[np.ndarray]:
     out: list[np.ndarray] = []
     for name, given in signals.items():
         try:
-            x = np.array(given, float)
-        except (TypeError, ValueError):
-            raise BadValue(f"fit_texture: {name} must be an array of numbers") from None
+            x = np.array(given)
+        except (TypeError, ValueError):  # rows of several lengths
+            x = np.array("")
+        if x.dtype.kind not in "iuf":
+            raise BadValue(f"fit_texture: {name} must be an array of real numbers, got {x.dtype}")
+        x = x.astype(float)
         if x.ndim != 1 or not x.size or (out and x.size != out[0].size):
             raise BadValue(f"fit_texture: {name} has shape {x.shape}; all three signals must be rows of one length")
-        if not np.isfinite(x).all():
-            raise BadValue(f"fit_texture: {name}[{int(np.argmin(np.isfinite(x)))}] is not finite; cut the recording there")
+        if not (fits := np.abs(x) <= LARGEST).all():
+            k = int(np.argmin(fits))
+            raise BadValue(f"fit_texture: {name}[{k}] = {x[k]:g} is not finite, or above {LARGEST:g}; cut the recording there")
         out.append(x)
     return out
 
@@ -257,7 +267,10 @@ def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
         if not 1 <= given <= 50:
             raise BadValue(f"fit_texture: {what} = {given} must be from 1 to 50")
         return np.unique(np.quantile(x, np.linspace(0, 1, given + 1))) if np.ptp(x) else np.array([x[0] / 2, 2 * x[0]])
-    edges = np.array(given, float)
+    try:
+        edges = np.array(given, float)
+    except (TypeError, ValueError):
+        edges = np.array(np.nan)
     if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0).all() or not edges[0] >= 0 or not np.isfinite(edges).all():
         raise BadValue(f"fit_texture: {what} must be a whole number, or edges that rise from 0 or above, got {given!r:.200}")
     return edges

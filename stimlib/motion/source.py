@@ -87,7 +87,9 @@ def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) 
                 raise BadValue(f"motion of {name} must be a function of time or an array of real numbers, got {source.dtype}")
             source = source.astype(np.float64, copy=False)
             if source.ndim != 1 or len(source) < frames:
-                raise BadValue(f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}")
+                raise BadValue(
+                    f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}{_still(source)}"
+                )
         sources[name] = source
     return sources
 
@@ -99,6 +101,11 @@ def _hint(given: Any) -> str:
     if hasattr(given, "columns"):
         return ': first rec = stimlib.motion.recorded.recording(table, {"x": "x_mm*1e-3"}), then rec.for_inputs(scene.inputs)'
     return ""
+
+
+def _still(given: Array) -> str:
+    """How one number becomes the motion of an input."""
+    return "" if given.ndim else "; for one that stands still give lambda t: np.full_like(t, 1.0)"
 
 
 def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
@@ -121,7 +128,8 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
                 raise BadValue(f"{place(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}") from e
             if values.shape != t.shape or values.dtype.kind not in "iuf":
                 raise BadValue(
-                    f"motion of {name} must give one number per time: {t.shape} float64 in, {values.shape} {values.dtype} out"
+                    f"motion of {name} must give one number per time: {t.shape} float64 in, "
+                    f"{values.shape} {values.dtype} out{_still(values)}"
                 )
             row[:] = values
         else:

@@ -173,6 +173,39 @@ def test_drift(law, mm_in_10_min):
     assert abs(moved * 1e3 * 598 / seconds - mm_in_10_min) < (0.02 * mm_in_10_min or 1e-3 * 598 / seconds)
 
 
+# Ends of numbers -----------------------------------------------------------------------------------------------------
+def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
+    """What smooths them goes through 1e-190: then c/q or limit/k are beyond the largest number."""
+    k = Input("k", "N/m")
+    made = {law: block(law, k=k) if law != "stick_slip" else stick_slip(X, NORMAL, F, F / 2, k) for law in (*LAWS, "stick_slip")}
+    made |= {"soft": stick_slip(X, 1.0, F, F / 2, k), "at_once": friction(X, NORMAL, F, k, static=STATIC, speed=1e-310)}
+    proc = stimlib.compile(Scene(made), 8000, "python")
+    small = np.array([1e-100, 1e-160, 1e-190, 1e-300, 1e-310, 5e-324])
+    one, n = np.ones(4), np.concatenate
+    rows = {"normal": n([one, small, one, np.ones(6), one]), "k": K * n([one, np.ones(6), one, small, one])}
+    x = 1e-3 * np.arange(24.0)
+    x[11] = x[10]  # held
+    y = proc.process(np.array([rows.get(name, x) for name in proc.inputs]))
+    assert proc.fault is None
+    assert (y[:, [3, 13, 23]] > 0.4 * F).all(), "and the surface is there again"
+    assert (np.abs(y[4, 4:10]) < 1e-30).all() and (np.abs(y[:, 14:20]) < 1e-30).all()
+
+
+@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
+def test_a_normal_force_that_is_no_number_closes_the_guard(law):
+    """And is no spring without an end."""
+    y = stick_slip(X, NORMAL, F, F / 2, K) if law == "stick_slip" else block(law, X, NORMAL)
+    proc = stimlib.compile(Scene({"F": y}), 8000, "python")
+    rows = {"x": 1e-4 * np.arange(4.0), "normal": np.array([1.0, 1.0, np.nan, 1.0])}
+    proc.process(np.array([rows[name] for name in proc.inputs]))
+    assert proc.fault == ("F", 2)
+
+
+def test_the_least_movement_keeps_the_force():
+    """A product of a way of 5e-324 m and a deflection is 0, and not the force times the way."""
+    assert force("elastoplastic", np.array([-C / 2, 0.0, 5e-324]))[2] == pytest.approx(F / 2)
+
+
 # What is refused, and what is held -----------------------------------------------------------------------------------
 REFUSED = {
     "normal = -1": dict(normal=-1.0),
@@ -186,6 +219,8 @@ REFUSED = {
     "speed": dict(static=0.9, speed=0.0),
     "belong to law='lugre'": dict(damping=1.0),
     "viscosity = -1": dict(law="lugre", viscosity=-1.0),
+    "friction: static = 'a' must be": dict(static="a"),
+    "friction: damping = None must be": dict(law="lugre", static=0.9, damping=None),
     "must be at least damping": dict(law="lugre", static=0.9, damping=1.0, viscosity=0.49),
 }
 
@@ -201,14 +236,16 @@ def test_a_lugre_that_may_give_energy_is_made_on_demand():
         assert friction(X, 1.0, 0.6, K, "lugre", static=0.9, damping=1.0, **words).viscosity == words["viscosity"]
 
 
-@pytest.mark.parametrize("words", [{"static": 0.5, "kinetic": 0.5}, {"kinetic": -0.1}, {"static": NORMAL / constant(1.0, "N")}])
+@pytest.mark.parametrize(
+    "words", [{"static": 0.5, "kinetic": 0.5}, {"kinetic": "a"}, {"kinetic": -0.1}, {"static": NORMAL / constant(1.0, "N")}]
+)
 def test_a_slip_makes_the_force_smaller(words):
     with pytest.raises(BadValue, match="stick_slip"):
         stick_slip(X, 1.0, **words)
 
 
 def test_units_must_fit():
-    with pytest.raises(UnitError, match="they must be one unit"):
+    with pytest.raises(UnitError, match=r"one unit; .* constant\(1000.0, 'N'\)"):
         friction(Input("angle"), 1.0)
     assert str(friction(Input("angle"), constant(0.02, "N*m"), stiffness=constant(1.0, "N*m")).dim) == "J"
 

@@ -657,6 +657,7 @@ def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
         ({"x": np.zeros((2, 800))}, BadValue, "one dimension"),
         ({"x": "abc"}, BadValue, "function of time or an array of real numbers"),
         ({"x": lambda t: t[1:]}, BadValue, "motion of x must give one number per time"),
+        ({"x": lambda t: 1.0}, BadValue, "give lambda t: np.full_like(t, 1.0)"),
         ({"x": lambda t: t + 0j}, BadValue, "complex128 out"),
         ({"x": np.r_[np.zeros(500), np.nan, np.zeros(500)]}, BadValue, "not finite at sample 500 (0.0625 s)"),
         ({"x": lambda t: np.where(t > 0.05, np.inf, 0)}, BadValue, "not finite at sample 401"),
