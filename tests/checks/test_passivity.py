@@ -63,6 +63,7 @@ def test_what_is_told_of_a_scene():
         assert needed(block) == pytest.approx(want, rel=1e-6), block
     for block in (
         wall(X, hunt_crossley=1.0),
+        constant(1.0, "V/m") * X,
         wall(X, Input("k", "N/m")),
         X * X * constant(1.0, "N/m^2"),
         constant(1.0, "N") * X / X,
