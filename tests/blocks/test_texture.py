@@ -53,6 +53,8 @@ def test_weights_are_those_of_the_triangle_at_every_place():
             assert (w >= 0).all() and np.count_nonzero(w) <= 3
             np.testing.assert_allclose([w.sum(), w @ model.speed, w @ model.force], [1, v, f], atol=1e-12)
     np.testing.assert_array_equal(MODEL.weights(9.0, -1.0), MODEL.weights(0.15, 0.0))
+    fine = made_up(1, np.linspace(0, 0.15, 20), np.linspace(0, 2.5, 20))
+    assert len(fine.planes()[1]) == len(fine.triangles) == 2 * 19**2  # small ones count too
 
 
 def test_every_place_is_stable():
