@@ -44,8 +44,8 @@ def held(v):
 
 
 def within(z, c):
-    """z held between -c and c; nan if c is."""
-    return where(z > c, c, where(z >= -c, z, -c))
+    """z held between -c and c; nan where c is."""
+    return where(z > c, c, where(z < -c, -c, where(c == c, z, c)))
 
 
 def sign(x):

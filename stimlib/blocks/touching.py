@@ -290,16 +290,11 @@ class Button(Over):
         way = x - last
         low, high = where(way < 0.0, x, last), where(way < 0.0, last, x)
         snap = where(now > was, p.at, p.back)
-        part = within_01((high - snap) / where(way == 0.0, 1.0, high - low))  # of the way beyond the snap, which is pressed
+        part = (high - snap) / where(way == 0.0, 1.0, high - low)  # of the way beyond the snap, which is pressed
         share = where(now == was, now, where(way == 0.0, now, part))
         rest = where(low > 0.0, low, 0.0)
         pushed = where(high > 0.0, 0.5 * (rest + high) * where(high > low, (high - rest) / (high - low), 1.0), high - high)
         return (peak * (pushed / p.at - p.drop * share), now), ButtonState(x, now, 0.0)
-
-
-def within_01(v):
-    """v held between 0 and 1."""
-    return where(v < 0.0, 0.0, where(v > 1.0, 1.0, v))
 
 
 def button(x: Block, peak=2.0, drop: float = 0.4, at: float = 1e-3, back: float | None = None, contact=1.0) -> Any:

@@ -214,13 +214,17 @@ REFUSED = {
     "stiffness = 0": dict(stiffness=0.0),
     "choose one of": dict(law="karnopp"),
     "elastic = 1": dict(elastic=1.0),
+    "elastic = -0.1": dict(elastic=-0.1),
     "at least mu": dict(static=0.5),
     "multiply normal": dict(mu=Input("mu"), static=0.9),
     "speed": dict(static=0.9, speed=0.0),
     "belong to law='lugre'": dict(damping=1.0),
+    "viscosity belong to": dict(viscosity=1.0),
+    "and mu above 0": dict(mu=0.0, static=0.9),
     "viscosity = -1": dict(law="lugre", viscosity=-1.0),
     "friction: static = 'a' must be": dict(static="a"),
     "friction: damping = None must be": dict(law="lugre", static=0.9, damping=None),
+    "damping = -1": dict(law="lugre", damping=-1.0),
     "must be at least damping": dict(law="lugre", static=0.9, damping=1.0, viscosity=0.49),
 }
 
@@ -237,7 +241,14 @@ def test_a_lugre_that_may_give_energy_is_made_on_demand():
 
 
 @pytest.mark.parametrize(
-    "words", [{"static": 0.5, "kinetic": 0.5}, {"kinetic": "a"}, {"kinetic": -0.1}, {"static": NORMAL / constant(1.0, "N")}]
+    "words",
+    [
+        {"static": 0.5, "kinetic": 0.5},
+        {"kinetic": "a"},
+        {"kinetic": -0.1},
+        {"static": 0.0, "kinetic": 0.0},
+        {"static": NORMAL / constant(1.0, "N")},
+    ],
 )
 def test_a_slip_makes_the_force_smaller(words):
     with pytest.raises(BadValue, match="stick_slip"):
@@ -255,3 +266,62 @@ def test_a_live_normal_force_below_zero_is_no_contact(law):
     x = 1e-3 * np.arange(40.0)
     y = force(law, x, np.repeat([1.0, -3.0], 20))
     assert (y[5:20] > 0.1).all() and not y[20:].any()
+
+
+# One sample after another, in Python -----------------------------------------------------------------------------------
+ALL = {law: block(law) for law in LAWS} | {"stick_slip": stick_slip(X, 1.0)}
+
+
+def samples(blocks, *rows, fs=1000):
+    """Of each block, whose inputs are x and what else is given, in the order in which they are seen."""
+    proc = stimlib.compile(Scene(blocks), fs, "python")
+    return dict(zip(blocks, proc.process(np.array(rows, float)), strict=True)), proc
+
+
+def test_no_contact_begins_strained():
+    """Neither the first one, far from 0, nor the next, far from where the last one ended."""
+    on = Input("contact")
+    blocks = {law: friction(X, 1.0, law=law, contact=on) for law in LAWS} | {"stick_slip": stick_slip(X, 1.0, contact=on)}
+    for name, y in samples(blocks, [0.5, 0.5001, 9.0, 0.3, 0.3001], [1, 1, 0, 1, 1])[0].items():
+        assert y[[0, 2, 3]].tolist() == [0, 0, 0] and y[1] > 0.02 and y[4] == pytest.approx(y[1]), name
+
+
+def test_lugre_has_its_damper_and_its_viscosity():
+    """From rest over a way a c: z = c (1 - exp(-a)), in the mean c (1 - (1 - exp(-a))/a)."""
+    a, damping, viscosity, fs = 0.25, 2.0, 3.0, 1000
+    y, _ = samples({"F": friction(X, 1.0, F, K, "lugre", damping=damping, viscosity=viscosity)}, [0.0, a * C], fs=fs)
+    z = C * -np.expm1(-a)
+    assert y["F"][1] == pytest.approx(K * (C - z / a) + fs * (damping * z + viscosity * a * C), rel=1e-12)
+
+
+def test_a_force_stays_where_the_stiffness_rises_and_falls_with_it():
+    k = Input("k", "N/m")
+    y, _ = samples({"F": friction(X, 1.0, F, k, "coulomb")}, [0.0, 2e-4, 2e-4, 2e-4, 2e-4], [1000, 1000, 1000, 2000, 500])
+    np.testing.assert_allclose(y["F"], [0.0, 0.1, 0.2, 0.2, 0.05], rtol=1e-12)
+
+
+def test_a_limit_that_falls_takes_the_force_with_it():
+    """Of a finger that stands still; LuGre's is the static one there."""
+    y, _ = samples({law: block(law, normal=NORMAL) for law in LAWS}, [0.0, 2e-3, 2e-3], [1.0, 1.0, 0.5])
+    for law in LAWS:
+        assert y[law][2] == pytest.approx(0.5 * (STATIC if law == "lugre" else F), rel=1e-12), law
+
+
+@pytest.mark.parametrize("at", [1, 2])
+@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
+def test_what_is_not_a_number_is_a_fault(law, at):
+    """Moving and standing: never silently no friction, nor one without a limit."""
+    k = Input("k", "N/m")
+    y = stick_slip(X, NORMAL, stiffness=k) if law == "stick_slip" else block(law, X, NORMAL, k)
+    proc = stimlib.compile(Scene({"F": y}), 1000, "python")
+    for row in range(3):
+        rows = np.array([[0.0, 1e-4, 1e-4], np.ones(3), np.full(3, K)])
+        rows[row, at] = np.nan
+        proc.reset()
+        proc.process(rows)
+        assert proc.fault == ("F", at), row
+
+
+def test_each_is_half_a_sample_late():
+    proc = stimlib.compile(Scene(ALL), 1000, "python")
+    assert {proc.latency[name, "x"] for name in ALL} == {(0.5, 0.5)}

@@ -61,7 +61,7 @@ def test_its_octaves_are_as_near_to_the_law_as_is_said():
         assert octaves(slope, LOW, HIGH).error_db < most
 
 
-@pytest.mark.parametrize("way", [1e-9, 3e-6, 4e-5, 1e-3, 2e-2])
+@pytest.mark.parametrize("way", [1e-9, 3e-6, 4e-5, 1e-3, 2.23e-2])  # the last one: 1.1 cells of the coarsest, so up to 3
 def test_it_is_the_mean_of_its_splines(way):
     """Gauss's rule in each cell, from the published generator; up to a few cells of each octave in a sample."""
     x = np.linspace(-0.02, 0.02, 200)
@@ -87,6 +87,7 @@ def test_its_lattice_has_no_period_and_is_normal():
         (dict(slope=4.1), "slope = 4.1"),
         (dict(seed=-1), "seed = -1 must be a whole number"),
         (dict(seed=1.5), "seed"),
+        (dict(seed=True), "seed = True"),
         (dict(shortest=0.0), "shortest = 0.0 must be above 0"),
         (dict(shortest=0.2), "longest = 0.2 must be above shortest = 0.2"),
         (dict(shortest=1e-11), "at most 1e"),
@@ -133,3 +134,11 @@ def test_bad_gratings_are_refused(parts, said):
         grating(Input("x", "m"), parts)
     with pytest.raises(BadValue, match="too short"):
         stimlib.compile(Scene({"y": grating(Input("x"), [(1e-320, 1.0, 0.0)])}), FS)
+
+
+# Both ----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("block", [spatial_noise(Input("x", "m")), grating(Input("x", "m"), RIBS)])
+def test_what_is_not_a_number_is_a_fault_and_each_is_half_a_sample_late(block):
+    proc = stimlib.compile(Scene({"y": block}), FS, "python")
+    proc.process(np.array([[0.0, np.nan, 0.0]]))
+    assert proc.fault == ("y", 1) and proc.latency["y", "x"] == (0.5, 0.5)

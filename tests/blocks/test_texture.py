@@ -15,12 +15,13 @@ from stimlib.design.texture import TextureModel, frequencies, made_up, polynomia
 from stimlib.errors import SceneFileError, UnitError
 
 MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))  # as in contract.py, so that it is compiled once
+LOUD = dc.replace(MODEL, gain=np.linspace(0.5, 2.0, 9))
 PLACES = [(0.03, 0.4), (0.05, 1.0), (0.08, 2.0), (0.15, 2.5), (0.02, 3.5)]  # the last one beyond
 
 
 def driven(fs):
     """The block with all three of its signals given."""
-    numbers = MODEL.speed, MODEL.force, MODEL.triangles, MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain, MODEL.rate
+    numbers = LOUD.speed, LOUD.force, LOUD.triangles, LOUD.lsf, LOUD.ma, LOUD.variance, LOUD.gain, LOUD.rate
     given = Input("white"), Input("v", "m/s"), Input("f", "N")
     return stimlib.compile(Scene({"a": Texture(*given, *numbers)}), fs)
 
@@ -37,8 +38,9 @@ def test_a_polynomial_from_its_frequencies_by_two_routes(p):
 
 
 def test_what_is_not_stable_has_no_frequencies():
-    with pytest.raises(BadValue, match="radius 1.25"):
-        frequencies(np.array([1.0, -1.25]))
+    for root in (1.25, 1.0):
+        with pytest.raises(BadValue, match=f"radius {root:g};"):
+            frequencies(np.array([1.0, -root]))
 
 
 def test_weights_are_those_of_the_triangle_at_every_place():
@@ -51,12 +53,20 @@ def test_weights_are_those_of_the_triangle_at_every_place():
             assert (w >= 0).all() and np.count_nonzero(w) <= 3
             np.testing.assert_allclose([w.sum(), w @ model.speed, w @ model.force], [1, v, f], atol=1e-12)
     np.testing.assert_array_equal(MODEL.weights(9.0, -1.0), MODEL.weights(0.15, 0.0))
+    fine = made_up(1, np.linspace(0, 0.15, 20), np.linspace(0, 2.5, 20))
+    assert len(fine.planes()[1]) == len(fine.triangles) == 2 * 19**2  # small ones count too
 
 
 def test_every_place_is_stable():
     for v, f in np.random.default_rng(2).uniform(0, (0.15, 2.5), (200, 2)):
         b, a, deviation = MODEL.at(v, f)
         assert max(np.abs(np.roots(a)).max(), np.abs(np.roots(b)).max()) < 0.97 and deviation >= 0
+
+
+def test_at_a_model_is_that_model():
+    b, a, deviation = LOUD.at(0.05, 1.0)
+    np.testing.assert_array_equal([*b, *a], [*polynomial(LOUD.ma[4]), *polynomial(LOUD.lsf[4])])
+    assert deviation == pytest.approx(1.25 * np.sqrt(MODEL.variance[4])) and deviation > 0
 
 
 def test_images_of_the_interpolator_are_low_and_its_band_is_flat():
@@ -76,6 +86,15 @@ def test_a_file_gives_back_what_was_written(model, tmp_path):
             assert np.all(getattr(got, name) == v), name
         else:
             np.testing.assert_allclose(getattr(got, name), v, rtol=1e-15)
+
+
+def test_what_a_file_says_for_other_readers(tmp_path):
+    """Numbers that we do not read; and a name that is too long is cut."""
+    save_texture(dc.replace(MODEL, name="a" * 300), tmp_path / "a.xml")
+    text = (tmp_path / "a.xml").read_text()
+    assert "<maxSpeed>150.0</maxSpeed>" in text and "<maxForce>2.5</maxForce>" in text
+    assert re.findall("<modNum>(.*?)</modNum>", text) == [f"{i}.0" for i in range(1, 10)]
+    assert load_texture(tmp_path / "a.xml").name == "a" * 200
 
 
 def test_what_a_file_may_leave_out_and_add(tmp_path):
@@ -154,14 +173,21 @@ def test_a_file_is_bounded_and_regular(tmp_path, monkeypatch):
         ({"triangles": [[0, 1, 2]]}, "no triangle of the texture has an area"),
         ({"triangles": [[0, 1]]}, "rows of three model numbers"),
         ({"rate": np.nan}, "rate of a texture must be a number"),
+        ({"rate": 9.0}, "is 9 Hz; it must be from 10"),
+        ({"rate": 2e6}, r"is 2e\+06 Hz"),
+        ({"force": MODEL.force * 1e4}, r"model 2: force = 10000 N|model 3: force = 25000 N must be from 0 to 10000"),
+        ({"speed": np.zeros(9)}, "at speed 0 or at force 0"),
+        ({"lsf": np.tile([0.5, 1.0, 1.0, 2.0], (9, 1))}, "model 1: AR line spectral frequency 3 = 1 rad does not rise"),
+        ({"triangles": np.tile(MODEL.triangles, (4200, 1))}, "table_knots"),
         ({"speed": "fast"}, "speed of a texture must be a row"),
     ],
 )
 def test_a_model_of_wrong_numbers_is_refused(change, why):
     with pytest.raises(BadValue, match=why):
         dc.replace(MODEL, **change)
-    with pytest.raises(BadValue, match="at least 3 models"):
-        TextureModel([0.0], [0.0], [[0, 0, 0]], [[1.0]], [[]], [1.0], [1.0])
+    for n in (1, 2):
+        with pytest.raises(BadValue, match="at least 3 models"):
+            TextureModel([0.1] * n, [1.0] * n, [[0, 0, 0]], [[1.0]] * n, [[]] * n, [1.0] * n, [1.0] * n)
 
 
 # The block ---------------------------------------------------------------------------------------------------------------
@@ -174,8 +200,8 @@ def test_its_spectrum_is_the_models_at_every_place(fs):
         proc.reset()
         h = proc.process(np.array([np.arange(every * n) == 0, np.full(every * n, -v), np.full(every * n, force)]))[0]
         own, both = (2 / 1000 * np.abs(np.fft.rfft(x)[1:1000]) ** 2 for x in (h[::every], h / every))
-        np.testing.assert_allclose(own, MODEL.psd(f, v, force), rtol=1e-9)
-        np.testing.assert_allclose(both[f < 350], MODEL.psd(f[f < 350], v, force), rtol=0.01)
+        np.testing.assert_allclose(own, LOUD.psd(f, v, force), rtol=1e-9)
+        np.testing.assert_allclose(both[f < 350], LOUD.psd(f[f < 350], v, force), rtol=0.01)
 
 
 def test_it_is_the_same_at_every_rate_but_for_what_the_interpolator_is_late():
@@ -218,6 +244,7 @@ def test_what_it_does_not_take():
     for fs, near in ((44100, 44000), (500, 1000), (8000.5, 8000)):
         with pytest.raises(BadValue, match=f"whole multiple of the model's 1000 Hz: take {near} Hz"):
             stimlib.compile(Scene({"a": texture(v, 1.0, MODEL, seed=1)}), fs, "python")
+    assert texture(v, 0.0, MODEL, seed=1).force.value == 0.0
     with pytest.raises(BadValue, match="force = -1 N presses away"):
         texture(v, -1.0, MODEL, seed=1)
     with pytest.raises(UnitError, match="speed is .m. and must be .m/s."):

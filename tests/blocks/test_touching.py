@@ -107,6 +107,7 @@ REFUSED = {
     "depth = -1": lambda: detents(X, 1e-3, -1.0),
     "peak = -1": lambda: button(X, -1.0),
     "drop = 1": lambda: button(X, drop=1.0),
+    "drop = -0.5": lambda: button(X, drop=-0.5),
     "Button.at": lambda: button(X, at=0.0),
     "beyond it gives energy": lambda: button(X, at=1e-3, back=1.1e-3),
     "before it pulls": lambda: button(X, drop=0.5, at=1e-3, back=0.4e-3),
@@ -120,6 +121,49 @@ def test_what_makes_no_sense_is_refused(says):
 
 
 def test_units_must_fit():
-    with pytest.raises(UnitError, match=r"b must be \[N\*s/m\], not \[N\]"):
-        wall(X, 1.0, constant(1.0, "N"))
+    for words, said in (
+        ({"b": constant(1.0, "N")}, r"b must be \[N\*s/m\], not \[N\]"),
+        ({"at": constant(1.0, "s")}, r"at \[m\], not \[s\]"),
+        ({"hunt_crossley": constant(1.0, "s")}, r"hunt_crossley \[s/m\], not \[s\]"),
+    ):
+        with pytest.raises(UnitError, match=said):
+            wall(X, 1.0, **words)
     assert str(button(X, constant(1.0, "V")).force.dim) == "V"
+
+
+# One sample after another, in Python -----------------------------------------------------------------------------------
+def samples(blocks, *rows, fs=1000):
+    proc = stimlib.compile(Scene(blocks), fs, "python")
+    return dict(zip(blocks, proc.process(np.array(rows, float)), strict=True)), proc
+
+
+def test_the_way_back_of_a_button_may_be_at_either_end():
+    """At ``at`` it has no hysteresis; at ``drop at`` the force before the snap back is 0, and never below."""
+    x = 1e-3 * np.array([0.0, 1.5, 0.5, 0.25])
+    y, _ = samples({"none": button(X, 2.0, 0.5, 1e-3, 1e-3).pressed, "most": button(X, 2.0, 0.5, 1e-3, 0.5e-3).pressed}, x)
+    assert y["none"].tolist() == [0, 1, 0, 0] and y["most"].tolist() == [0, 1, 1, 0]
+
+
+def test_live_dampers_below_zero_count_as_none():
+    b, c = LIVE * constant(1.0, "N*s/m^2"), LIVE * constant(1.0, "s/m^2")
+    blocks = {"spring": wall(X, 1000.0), "b": wall(X, 1000.0, b), "c": wall(X, 1000.0, hunt_crossley=c)}
+    y, _ = samples(blocks, 1e-3 * np.array([0.0, 1.0, 2.0, 0.5]), np.full(4, -0.3))
+    for name in ("b", "c"):
+        np.testing.assert_array_equal(y[name], y["spring"])
+
+
+def test_no_contact_begins_with_a_way():
+    """Neither the first one, far from 0, nor the next, far from where the last one ended; a button may be pressed at once."""
+    on = Input("contact")
+    snap = button(X, 2.0, 0.4, 1e-3, contact=on)
+    blocks = {"wall": wall(X, 1e3, 5.0, contact=on), "detents": detents(X, 1e-3, contact=on), "F": snap.force, "q": snap.pressed}
+    y, _ = samples(blocks, 1e-3 * np.array([1.2, 9.0, 1.2, 1.3]), [1, 0, 1, 1])
+    for name, first in {"wall": 1.2, "detents": np.sin(2.4 * np.pi), "F": 2.0 * (1.2 - 0.4), "q": 1.0}.items():
+        assert y[name][[0, 1, 2]] == pytest.approx([first, 0.0, first], rel=1e-12), name
+    assert y["wall"][3] == pytest.approx(1.25 + 5.0 * 0.1)
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_is_not_a_number_is_a_fault_and_each_is_half_a_sample_late(name):
+    _, proc = samples({"F": MADE[name]}, [0.0, np.nan, 0.0])
+    assert proc.fault == ("F", 1) and proc.latency["F", "x"] == (0.5, 0.5)

@@ -63,11 +63,13 @@ def test_what_is_told_of_a_scene():
         assert needed(block) == pytest.approx(want, rel=1e-6), block
     for block in (
         wall(X, hunt_crossley=1.0),
+        constant(1.0, "V/m") * X,
         wall(X, Input("k", "N/m")),
         X * X * constant(1.0, "N/m^2"),
         constant(1.0, "N") * X / X,
     ):
         assert needed(block) is None
+    assert needed(wall(X, 0.0)) is None and needed_damping(lambda f: np.full(f.shape, -K + 0j), 8000) == 0.0
     assert needed(wall(X, K), delay=1e-3) == pytest.approx(K * (T + 1e-3), rel=1e-6)
 
 
@@ -90,9 +92,9 @@ def test_show_tells_it_as_data(tmp_path):
     assert told == {"output": "F", "input": "x", "needed_damping": pytest.approx(0.125, rel=1e-6)}
 
 
-@pytest.mark.parametrize("words", [{"fs": 0.0}, {"fs": 1e3, "delay": -1.0}, {"fs": 1e3, "delay": np.inf}])
+@pytest.mark.parametrize("words", [{"fs": 0.0}, {"fs": np.inf}, {"fs": 1e3, "delay": -1.0}, {"fs": 1e3, "delay": np.inf}])
 def test_numbers_that_make_no_sense_are_refused(words):
     with pytest.raises(BadValue, match="needed_damping: "):
         needed_damping(lambda f: f + 0j, **words)
-    with pytest.raises(BadValue, match="not finite at"):
-        needed_damping(lambda f: f * np.nan, 1000.0)
+    with pytest.raises(BadValue, match="not finite at 500 Hz"):
+        needed_damping(lambda f: np.where(f < 499.99, f, np.nan), 1000.0)

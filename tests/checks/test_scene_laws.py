@@ -10,7 +10,7 @@ import stimlib
 from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.places import Grating, SpatialNoise
-from stimlib.checks import laws
+from stimlib.checks import laws, surfaces
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, grating, viscoelastic
@@ -203,6 +203,20 @@ def test_a_surface_that_is_slightly_another_is_caught(monkeypatch, owner, field)
     monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * (1 + 1e-6) + 1e-9})))
     bad = [c.name for c in report(grating(), {"x": sinusoid(0.05, 1.0)}, 0.5).checks if not c.passed]
     assert bad == ["force: gratings and roughness of the place"]
+
+
+def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):
+    motion = {"x": sinusoid(0.05, 1.0), "contact": lambda t: 1.0 * (np.sin(90 * t) > -0.3)}
+    scene = grating(contact=True)
+    rendering = stimlib.render(scene, motion, 8000, 0.2, {"roughness": 0.1})
+    r = stimlib.verify(scene, motion, rendering)
+    assert r.passed, str(r)
+    lifted = r.evidence.x[r.evidence.proc.inputs.index("contact")] == 0
+    r.evidence.y[0, lifted] = 1e-13
+    assert lifted.any() and [c.name for c in surfaces.grating(r.evidence) if not c.passed] == ["force: none off contact"]
+    honest = surfaces.octaves
+    monkeypatch.setattr(surfaces, "octaves", lambda *a: (o := honest(*a))._replace(power=1.2 * o.power))
+    assert "force: octaves of the roughness" in {c.name for c in surfaces.grating(r.evidence) if not c.passed}
 
 
 @pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"])

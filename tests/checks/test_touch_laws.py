@@ -110,3 +110,21 @@ def test_a_held_hand_on_an_edge_is_proved(name, wobble):
         scene = make()
         r = stimlib.verify(scene, sources, stimlib.render(scene, sources, 2000))
         assert r.passed, str(r)
+
+
+def test_a_wall_that_pulls_a_little_is_caught_by_its_sign():
+    e = report("wall").evidence
+    e.y = e.y - 1e-9
+    assert [c.name for c in touch.wall_law(e) if not c.passed] == ["force: it never pulls"]
+
+
+def test_a_report_says_what_was_rendered():
+    """Numbers of the graph alone, as the law has read them."""
+    for name, text in (
+        ("click", "back at 0.8 mm, 1 of them"),
+        ("detents", "24 detents a turn"),
+        ("friction", "it slips at 0.56 N, to 0.35 N, every 0.21 mm"),
+        ("wall", "a wall of 1000 N/m and 3 N s/m at 0 m"),
+    ):
+        said = "; ".join(report(name).evidence.numbers)
+        assert text in said, said
