@@ -1,6 +1,7 @@
 """Is what a report says it would have seen, what it would have seen?  Drawn, from formulae, and with faults put in."""
 
 import csv
+import dataclasses as dc
 import importlib
 import os
 import sys
@@ -17,7 +18,7 @@ from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.scenes import SCENES, WORDS
 from stimlib.cli import app
-from stimlib.motion.generators import sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
 
 ROOT = Path(__file__).parents[2]
 F, ALARM = np.linspace(10.0, 1000.0, 150), 2e-7
@@ -121,6 +122,36 @@ def test_what_a_report_excludes_is_what_the_table_says():
     found = {s.kind: s.size for s in stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5, seed=1)).certainty()}
     for name, kind in (("A", "level"), ("duty", "duty"), ("freq", "frequency")):
         assert found[name] == pytest.approx(float(SEARCHED[f"voltage: envelope times carrier, {kind}, 0.5 s"]["size"]), rel=0.1)
+
+
+def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
+    scene, motion = stimlib.scenes.squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5))
+    e = report.evidence
+    e.taps = [dc.replace(e.taps[0], f_low=40.0), dc.replace(e.taps[1], f_high=800.0)]
+    n = min(t.stream.size for t in e.taps)
+    found = {(s.check, s.kind): s.size for s in power.certainty([Check("d", "law", 2.0, 1.0, "")], e)}  # no law is asked
+    f = spectra.bins(e.taps[0].stream.size, 8000, 40.0, e.taps[0].f_high) * 8000 / e.taps[0].stream.size
+    for kind, size, _ in power.of_spectrum(f, e.share):
+        assert found["force1: spectrum", kind] == pytest.approx(size, nan_ok=True)
+    common = power.smallest_share(spectra.bins(n, 8000, 40.0, 800.0).size, e.share)
+    assert found["force1 and force2: independence", "noise in common"] == common < 1
+
+
+@pytest.mark.parametrize("power_of_it", [1, 2], ids=["proportional", "quadratic"])
+def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypatch, power_of_it):
+    """At 1e-4 it begins to refuse; a slope that chance puts far off says nothing."""
+    scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
+    e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.05))
+
+    def law(told):
+        off = 1 - told.params["A"] / e.params["A"]
+        assert [c.value for c in told.changes if c.name == "A"] == [told.params["A"]]  # the change right before sample 0 too
+        return [Check("d", "law", (off / 1e-4) ** power_of_it, 1.0, ""), Check("d", "slope", 9.0, 1.0, "", deviation=1.0)]
+
+    monkeypatch.setattr(power, "scene_law", law)
+    size = next(s.size for s in power.of_parameters(e) if s.kind == "A")
+    assert 1e-4 < size <= (1.05e-4 if power_of_it == 1 else 1e-3)
 
 
 def test_a_parameter_of_zero_and_a_law_that_failed_exclude_nothing():
