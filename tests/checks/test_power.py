@@ -168,3 +168,12 @@ def test_every_law_has_its_words():
 def test_a_page_that_has_no_place_is_refused_before_anything_is_verified(tmp_path):
     done = CliRunner().invoke(app, ["verify", "none.wav", "--report", str(tmp_path / "missing" / "a.html")])
     assert done.exit_code == 2 and "is not there; make it first" in " ".join(done.stderr.split())
+
+
+def test_errors_of_a_spectrum_are_in_their_units():
+    """Half the power at a pole of 2 ms, and of 80 Hz; 3 dB; an octave above the middle of the band 3 dB/oct."""
+    f = np.array([20.0, 1 / (2 * np.pi * 2e-3), 80.0])
+    ratio = {kind: power.KINDS[kind][1](f, size) for kind, size in zip(power.KINDS, (3.0, 3.0, 2e-3, 80.0), strict=True)}
+    for got in (ratio["level"][0], ratio["slope"][2], ratio["low-pass pole"][1], 1 / ratio["high-pass pole"][2]):
+        assert got == pytest.approx(0.5 if got < 1 else 2.0, rel=3e-3)
+    assert ratio["low-pass pole"][1] < 1 < ratio["slope"][2]
