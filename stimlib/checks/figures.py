@@ -81,8 +81,8 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
         y = e.y[list(e.scene.outputs).index(name)]
         size = min(8192, y.size)
         f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
-        # a difference of so much at every sample, all of it at one frequency, under the same Hann window
-        most = np.sqrt(2 * apart**2 * size / 1.5 / e.fs)
+        # a difference of so much at every sample, with a sign that alternates: no other has a higher line under the Hann window
+        most = np.sqrt(apart**2 * size / 1.5 / e.fs)
         low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
         unit = str(e.scene.outputs[name].dim)
         found[name] = Against(f"spectrum of {name}, and of its law", unit, *(a[1:] for a in (f, measured, model, low, high)))

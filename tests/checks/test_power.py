@@ -1,5 +1,12 @@
 """Is what a report says it would have seen, what it would have seen?  Drawn, from formulae, and with faults put in."""
 
+import csv
+import dataclasses as dc
+import importlib
+import os
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -7,13 +14,13 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib.analysis import spectra
-from stimlib.blocks.carrier import Carrier
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.scenes import SCENES, WORDS
 from stimlib.cli import app
-from stimlib.motion.generators import sinusoid
+from stimlib.motion.generators import minimum_jerk, sinusoid
 
+ROOT = Path(__file__).parents[2]
 F, ALARM = np.linspace(10.0, 1000.0, 150), 2e-7
 SIZES = {kind: size for kind, size, _ in power.of_spectrum(F, ALARM)}
 
@@ -52,23 +59,99 @@ def test_a_shift_passes_its_limit_as_surely_as_is_said():
     assert stats.norm.sf(5.0, size, 2.0) == pytest.approx(0.95)
 
 
+# The committed table -----------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def bench():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    yield importlib.import_module("power")
+    sys.path.remove(str(ROOT / "benchmarks"))
+    del sys.modules["power"], sys.modules["bench"]
+
+
+ROWS = list(csv.DictReader((ROOT / "benchmarks" / "results" / "power.csv").read_text().splitlines()))[1:]
+SEARCHED = {f"{r['check']}, {r['kind']}, {r['seconds']} s": r for r in ROWS if r["how"] == "searched"}
+ASKED = {f"{r['check']}, {r['kind']}": float(r["size"]) for r in ROWS if r["how"] == "asked"}
+QUICK = [
+    "Pinking: physical law, level, 0.05 s",
+    "Differentiator: physical law, delay, 0.05 s",
+    "Velocity: physical law, pole, 0.05 s",
+    "force: full sum, order, 0.5 s",
+    "voltage: envelope times carrier, duty, 0.5 s",
+    "voltage: envelope times carrier, frequency, 0.5 s",
+]
+
+
+@pytest.mark.parametrize("name", SEARCHED if "STIMLIB_STRESS" in os.environ else QUICK)
+def test_the_table_holds_for_the_verifier_of_today(bench, name):
+    """Just above the smallest fault it is caught, just below it passes."""
+    r = SEARCHED[name]
+    fault = next(f for f in bench.BLOCKS + bench.SCENES if (f.check, f.kind) == (r["check"], r["kind"]))
+    size, seconds = float(r["size"]), float(r["seconds"])
+    assert bench.excess(fault, 1.01 * size, seconds) > 1 >= bench.excess(fault, size / 1.12, seconds)
+
+
+def test_what_was_computed_was_also_drawn_and_rendered():
+    computed = [r for r in ROWS if r["how"] == "computed"]
+    drawn, rendered = ([float(r[how]) for r in computed if r[how]] for how in ("drawn", "rendered"))
+    assert min(drawn) >= 0.9 and len(drawn) == 16 and min(rendered) >= 0.8 and len(rendered) == 1
+
+
+def test_four_times_the_recording_shows_half_the_error():
+    """Of every kind of noise that was computed, from 10 s to 60 s: by the root of that, or more."""
+    rows = {(r["check"], r["kind"], float(r["seconds"])): float(r["size"]) for r in ROWS if r["how"] == "computed"}
+    for check, kind in {key[:2] for key in rows if "slope of" not in key[0]}:
+        ratio = rows[check, kind, 10.0] / rows[check, kind, 60.0]
+        assert (1.5 if "pole" in kind else 2.2) < ratio < 2.8, kind
+
+
+def test_a_number_that_the_law_refuses_is_a_fault_that_it_sees():
+    """Two ways to one size: the law told another number, the fault inside."""
+    for asked, searched in (
+        ("law of squeeze, A", "force1: vibration law, level, 2.0 s"),
+        ("law of viscoelastic, firmness", "force: full sum, level, 2.0 s"),
+        ("law of bumps, A", "voltage: envelope times carrier, level, 2.0 s"),
+        ("law of bumps, duty", "voltage: envelope times carrier, duty, 2.0 s"),
+        ("law of bumps, freq", "voltage: envelope times carrier, frequency, 2.0 s"),
+    ):
+        assert ASKED[asked] == pytest.approx(float(SEARCHED[searched]["size"]), rel=0.1), asked
+
+
 # What a report says of its own recording ---------------------------------------------------------------------------------
-def test_a_carrier_that_is_wrong_by_what_a_report_excludes_is_refused(monkeypatch):
-    """Just above that size the fault inside is caught, just below it passes."""
+def test_what_a_report_excludes_is_what_the_table_says():
     scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
+    found = {s.kind: s.size for s in stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5, seed=1)).certainty()}
+    for name, kind in (("A", "level"), ("duty", "duty"), ("freq", "frequency")):
+        assert found[name] == pytest.approx(float(SEARCHED[f"voltage: envelope times carrier, {kind}, 0.5 s"]["size"]), rel=0.1)
 
-    def report():
-        return stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5, seed=1))
 
-    size, honest = next(s.size for s in report().certainty() if s.kind == "freq"), Carrier.design
-    for factor, good in ((0.8, True), (1.2, False)):
+def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
+    scene, motion = stimlib.scenes.squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5))
+    e = report.evidence
+    e.taps = [dc.replace(e.taps[0], f_low=40.0), dc.replace(e.taps[1], f_high=800.0)]
+    n = min(t.stream.size for t in e.taps)
+    found = {(s.check, s.kind): s.size for s in power.certainty([Check("d", "law", 2.0, 1.0, "")], e)}  # no law is asked
+    f = spectra.bins(e.taps[0].stream.size, 8000, 40.0, e.taps[0].f_high) * 8000 / e.taps[0].stream.size
+    for kind, size, _ in power.of_spectrum(f, e.share):
+        assert found["force1: spectrum", kind] == pytest.approx(size, nan_ok=True)
+    common = power.smallest_share(spectra.bins(n, 8000, 40.0, 800.0).size, e.share)
+    assert found["force1 and force2: independence", "noise in common"] == common < 1
 
-        def design(self, fs, factor=factor):
-            p, s = honest(self, fs)
-            return p._replace(high=p.high * (1 + factor * size)), s
 
-        monkeypatch.setattr(Carrier, "design", design)
-        assert report().passed == good
+@pytest.mark.parametrize("power_of_it", [1, 2], ids=["proportional", "quadratic"])
+def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypatch, power_of_it):
+    """At 1e-4 it begins to refuse; a slope that chance puts far off says nothing."""
+    scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
+    e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.05))
+
+    def law(told):
+        off = 1 - told.params["A"] / e.params["A"]
+        assert [c.value for c in told.changes if c.name == "A"] == [told.params["A"]]  # the change right before sample 0 too
+        return [Check("d", "law", (off / 1e-4) ** power_of_it, 1.0, ""), Check("d", "slope", 9.0, 1.0, "", deviation=1.0)]
+
+    monkeypatch.setattr(power, "scene_law", law)
+    size = next(s.size for s in power.of_parameters(e) if s.kind == "A")
+    assert 1e-4 < size <= (1.05e-4 if power_of_it == 1 else 1e-3)
 
 
 def test_a_parameter_of_zero_and_a_law_that_failed_exclude_nothing():
@@ -85,3 +168,12 @@ def test_every_law_has_its_words():
 def test_a_page_that_has_no_place_is_refused_before_anything_is_verified(tmp_path):
     done = CliRunner().invoke(app, ["verify", "none.wav", "--report", str(tmp_path / "missing" / "a.html")])
     assert done.exit_code == 2 and "is not there; make it first" in " ".join(done.stderr.split())
+
+
+def test_errors_of_a_spectrum_are_in_their_units():
+    """Half the power at a pole of 2 ms, and of 80 Hz; 3 dB; an octave above the middle of the band 3 dB/oct."""
+    f = np.array([20.0, 1 / (2 * np.pi * 2e-3), 80.0])
+    ratio = {kind: power.KINDS[kind][1](f, size) for kind, size in zip(power.KINDS, (3.0, 3.0, 2e-3, 80.0), strict=True)}
+    for got in (ratio["level"][0], ratio["slope"][2], ratio["low-pass pole"][1], 1 / ratio["high-pass pole"][2]):
+        assert got == pytest.approx(0.5 if got < 1 else 2.0, rel=3e-3)
+    assert ratio["low-pass pole"][1] < 1 < ratio["slope"][2]

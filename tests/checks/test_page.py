@@ -1,0 +1,133 @@
+"""What stands on the page of a verification, and in its pictures, is what the evidence says."""
+
+import dataclasses as dc
+import hashlib
+import html
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import stimlib
+from stimlib import Input, Scene
+from stimlib.checks import figures
+from stimlib.checks.evidence import Check
+from stimlib.checks.page import page
+from stimlib.checks.power import Shows
+from stimlib.checks.scenes import WORDS
+from stimlib.motion.generators import constant_speed, minimum_jerk
+from stimlib.run.processor import Change
+
+
+@pytest.fixture(scope="module")
+def bumped():
+    scene, motion = stimlib.scenes.bumps(), {"x": constant_speed(0.1, 0.1)}
+    return stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.2))
+
+
+@pytest.fixture(scope="module")
+def squeezed():
+    scene, motion = stimlib.scenes.squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
+    return stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5))
+
+
+@pytest.fixture
+def text_of(monkeypatch):
+    """The page of an evidence without its pictures, as it is read."""
+    monkeypatch.setattr("stimlib.checks.page.figures", lambda e: [])
+
+    def made(e, checks=(), certain=(), what="a rendering"):
+        return html.unescape(page(what, list(checks), e, list(certain), None))
+
+    return made
+
+
+def test_one_check_that_failed_fails_the_page_and_its_row(bumped, text_of):
+    good, bad = Check("b", "first", 0.0, 0.0, "t"), Check("e", "second", 1.0, 0.5, "t")
+    text = text_of(bumped.evidence, [good, bad])
+    assert '<span class="bad">FAILED</span></h1>' in text and "1 of 2 checks passed" in text
+    assert '<td class="bad">FAILED</td><td>second</td><td class="n">1</td><td class="n">0.5</td>' in text
+    assert '<td class="ok">ok</td><td>first</td>' in text
+    assert '<span class="ok">passed</span></h1>' in text_of(bumped.evidence, [good])
+
+
+def test_a_name_with_tags_stays_a_name(bumped, monkeypatch):
+    monkeypatch.setattr("stimlib.checks.page.figures", lambda e: [])
+    text = page("a <b>name</b>", [], dc.replace(bumped.evidence, source="<i>file</i>"), [], None)
+    assert "<b>" not in text and "<i>" not in text and text.count("a &lt;b&gt;name") == 2
+
+
+def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):
+    x = Scene({"y": 2 * Input("x")})
+    unknown = stimlib.verify(x, {"x": np.ones(64)}, stimlib.render(x, {"x": np.ones(64)}, 8000)).evidence
+    assert WORDS["bumps"] in text_of(bumped.evidence) and "No law of the whole scene" not in text_of(bumped.evidence)
+    assert "No law of the whole scene" in text_of(unknown)
+
+
+def test_an_error_that_is_never_seen_is_said_to_be_so(bumped, text_of):
+    text = text_of(bumped.evidence, certain=[Shows("a", "level", 0.25, "dB", 0.95), Shows("b", "slope", np.nan, "dB", 0.95)])
+    assert '<td>level</td><td class="n">0.25 dB</td><td>95%' in text and '<td class="n">none, however large</td>' in text
+
+
+@pytest.mark.parametrize("change", [Change(5, "A", 2.0, 0.0), Change(0, "A", 2.0, 0.1)], ids=["later", "with a ramp"])
+def test_changes_are_told_and_then_no_program_makes_the_samples(bumped, text_of, change):
+    text = text_of(dc.replace(bumped.evidence, changes=[change] * 22))
+    assert text.count(f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s") == 20 and "; and 2 more" in text
+    assert "import hashlib" not in text and "they are in the file or the log" in text
+    assert "import hashlib" in text_of(bumped.evidence) and "changes of parameters</th>" not in text_of(bumped.evidence)
+
+
+def test_motion_that_is_an_array_is_told_as_such_and_hashed_by_samples(squeezed, text_of):
+    e = dc.replace(squeezed.evidence, motion=squeezed.evidence.motion | {"x2": squeezed.evidence.x[1]})
+    text = text_of(e)
+    assert "x2: array of 4000 samples" in text and "import hashlib" not in text
+    for rows, what in ((e.x, "motion, as sampled"), (e.y, "signal")):
+        digest = hashlib.sha256(rows.T.astype("<f8").tobytes()).hexdigest()
+        assert re.search(f"{what}</th><td>{digest}", text), what
+
+
+# Pictures ----------------------------------------------------------------------------------------------------------------
+def test_a_finger_is_shown_by_its_vibration_rate_and_gate(squeezed, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "over_time", lambda *a: None)
+    monkeypatch.setattr(figures, "close_by", lambda *a: None)
+    monkeypatch.setattr(figures, "curve", lambda ax, t, y, **style: drawn.append(y))
+    e = squeezed.evidence
+    assert [title for title, _ in figures.figures(e)][2].startswith("Vibration, rate and gate")
+    for k, f in enumerate(e.fingers.values()):
+        for got, want in zip(drawn[3 * k : 3 * k + 3], (e.y[k] - f.mean, f.v, f.gate), strict=True):
+            np.testing.assert_array_equal(got, want)
+
+
+def test_the_law_is_drawn_where_it_is_best_seen(bumped, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "close_by", lambda *a: None)
+    monkeypatch.setattr(figures, "over_time", lambda fig, rows, fs, start=0: drawn.append((rows, start)))
+    e = dc.replace(bumped.evidence, closeup=slice(100, 300))
+    list(figures.figures(e))
+    (whole, _), (rows, start) = drawn
+    assert start == 100 and {r.y.size for r in rows} == {200} and {r.y.size for r in whole} == {1600}
+    assert [r.name for r in rows][-2:] == list(e.curves) == ["envelope", "carrier"]
+
+
+def test_the_band_of_a_noise_holds_as_many_false_alarms_as_are_told(squeezed):
+    """Two-sided, one in a million for all bands and the trend together; the measured power lies in it."""
+    e = squeezed.evidence
+    a, s = squeezed.spectra()["force1"], e.taps[0].spectrum
+    bins = np.array([b.bins for b in s.bands])
+    outside = stats.gamma.sf(bins * a.high / a.law, bins) + stats.gamma.cdf(bins * a.low / a.law, bins)
+    np.testing.assert_allclose(outside * (bins.size + 1), 1e-6, rtol=1e-6)
+    np.testing.assert_allclose(a.measured / a.law, [b.ratio for b in s.bands])
+    np.testing.assert_allclose(a.law, e.taps[0].model(a.f))
+
+
+def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
+    """One whose sign alternates reaches the edge at its frequency, a square wave nearly; none passes it."""
+    size, apart, rng = 1600, 1e-3, np.random.default_rng(1)
+    alternating = apart * (-1.0) ** np.arange(size)
+    square = apart * np.sign(np.sin(2 * np.pi * 40 / size * (np.arange(size) + 0.5)))
+    for difference, least in ((alternating, 1 - 1e-9), (square, 0.8), (apart * rng.choice([-1, 1], size), 0.0)):
+        e = dc.replace(bumped.evidence, y=difference[None], wanted={"voltage": lambda: (np.zeros(size), apart)}, taps=[])
+        a = figures.spectra_of(e)["voltage"]
+        assert least <= (a.measured / a.high).max() <= 1 + 1e-9 and not a.law.any()
