@@ -266,8 +266,8 @@ def test_generated_graphs_keep_the_laws():
 
     one()
     assert len(structures) >= GRAPHS
-    for cls in sorted({e.cls for e in OTHERS} - set(seen)):  # chance has left a few out; the table grows
-        entry = next(e for e in OTHERS if e.cls == cls)
+    for cls in sorted({e.cls for e in TABLE} - set(seen)):  # chance has left a few out; the table grows
+        entry = next(e for e in TABLE if e.cls == cls)
         x = [Input("x1"), Input("x2"), Param("a", 0.5) * Input("x1")]
         block = entry.make(*(constant(1.0, entry.unit) * v for v, _ in zip(x, entry.drive, strict=False)))
         block = block / constant(1.0, "" if str(block.dim) == "1" else str(block.dim))

@@ -85,6 +85,8 @@ def touch_screen(
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
         if not value > 0:
             raise BadValue(f"touch_screen: {name} = {value!r} must be above 0")
+    if not isinstance(model, Plate | None):
+        raise BadValue(f"touch_screen: model = {model!r:.200} must be a Plate, such as Plate.paper()")
     glass = model or Plate.paper(measured=True)
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
     if origin < 0:

@@ -185,7 +185,7 @@ def sides(left: str, right: str) -> Levels:
     --------
     >>> from stimlib.soft import THIRTEEN, sides
     >>> len(THIRTEEN), sides("A1", "none").levels[30, [15, 45]].round(3)
-    (13, array([1.   , 0.   ]))
+    (13, array([1., 0.]))
     """
     for name in (left, right):
         if name not in SIDES:
