@@ -25,6 +25,7 @@ NOISE, SILENCE = RNG.standard_normal(N), np.zeros(N)
 EVENTS = np.where(RNG.random(N) < 0.001, 1.0, 0.0)
 SHAPE = RNG.standard_normal(800)
 SURFACE, PRESS = made_up(10, np.linspace(0, 0.2, 7), np.linspace(0, 3, 9)), F * constant(0.005, "N s")
+STROKE, PLACE = np.arange(N) / FS, X * constant(1.0, "m")  # at 1 m/s, where noise over place costs most
 SWEEP = 300 + 200 * np.sin(np.arange(N) / 50)
 
 
@@ -79,6 +80,9 @@ def others() -> list[Row]:
         "sawtooth, frequency that moves": puller(b.oscillator(F, "sawtooth") + X), "chirp": puller(X + b.chirp(20, 400, 9.0)),
         "pulse train": puller(X + b.pulse_train(F + 0.0 * hz)), "every": puller(X + b.every(0.01)),
         "texture of order (20, 18), a model each ms": puller(b.texture(X * constant(0.1, "m/s"), PRESS, SURFACE, seed=1)),
+        "noise over place, four decades, at 1 m/s": puller(b.spatial_noise(PLACE), STROKE),
+        "grating of two parts": puller(b.grating(PLACE, [(1e-3, 1.0, 0.0), (3e-4, 0.5, 0.0)]), STROKE),
+        "friction, elastoplastic": puller(b.friction(PLACE, 1.0), STROKE),
         "timeline": puller(X + b.timeline([(0, 0), (1, 1), (5, 0)])),
     }  # fmt: skip
     return [row(name, seconds / N * 1e9) for name, seconds in medians(interleaved(jobs, 9)).items()]

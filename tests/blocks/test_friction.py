@@ -191,16 +191,6 @@ def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
     assert (np.abs(y[4, 4:10]) < 1e-30).all() and (np.abs(y[:, 14:20]) < 1e-30).all()
 
 
-@pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
-def test_a_normal_force_that_is_no_number_closes_the_guard(law):
-    """And is no spring without an end."""
-    y = stick_slip(X, NORMAL, F, F / 2, K) if law == "stick_slip" else block(law, X, NORMAL)
-    proc = stimlib.compile(Scene({"F": y}), 8000, "python")
-    rows = {"x": 1e-4 * np.arange(4.0), "normal": np.array([1.0, 1.0, np.nan, 1.0])}
-    proc.process(np.array([rows[name] for name in proc.inputs]))
-    assert proc.fault == ("F", 2)
-
-
 def test_the_least_movement_keeps_the_force():
     """A product of a way of 5e-324 m and a deflection is 0, and not the force times the way."""
     assert force("elastoplastic", np.array([-C / 2, 0.0, 5e-324]))[2] == pytest.approx(F / 2)
