@@ -35,6 +35,8 @@ def fixed(a):
         (lambda x, out: setattr(x, "shape", (1, 10)), r"x must be .* got shape \(1, 10\)"),
         (lambda x, out: setattr(x, "shape", (10,)), r"x must be .* got shape \(10,\)"),
         (lambda x, out: setattr(out, "shape", (1, 1, 5)), r"out must be .* got shape \(1, 1, 5\)"),
+        (lambda x, out: setattr(out, "shape", (1, 5, 1)), r"out must be .* got shape \(1, 5, 1\)"),
+        (lambda x, out: x.resize((1, 5), refcheck=False), r"x must be .* got shape \(1, 5\)"),
         (lambda x, out: out.resize((1, 4), refcheck=False), r"out must be .* got shape \(1, 4\)"),
         (lambda x, out: fixed(out), "out is read-only"),
     ],
