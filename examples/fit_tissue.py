@@ -11,7 +11,8 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot, springpot_force
+from stimlib.fitting.exact import springpot_force
+from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
 from stimlib.motion.generators import ramp_and_hold
 
 

@@ -14,15 +14,8 @@ from stimlib import Input, Scene
 from stimlib.blocks.continuous import relaxation_modulus
 from stimlib.blocks.relaxation import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
-from stimlib.fitting.relaxation import (
-    MaxwellFit,
-    SpringpotFit,
-    fit_generalized_maxwell,
-    fit_springpot,
-    maxwell_force,
-    springpot_force,
-    thin,
-)
+from stimlib.fitting.exact import maxwell_force, springpot_force, thin
+from stimlib.fitting.relaxation import MaxwellFit, SpringpotFit, fit_generalized_maxwell, fit_springpot
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 MUSCLE = [f"Avg{c}_{r}" for c in ("Relaxed", "pCa4p4") for r in ("0p1s", "1s", "10s", "100s")]

@@ -1,8 +1,4 @@
-"""Material models from recorded relaxation: displacement and force at whatever times they were sampled.
-
-Between its samples the displacement is taken as straight, and what a model answers to that is known in closed form, for a
-springpot and for Maxwell arms.  So a fit has no integration step, and gaps and log-spaced time stamps need no resampling.
-"""
+"""Material models from recorded relaxation: displacement and force at whatever times they were sampled, see ``exact``."""
 
 from __future__ import annotations
 
@@ -15,246 +11,12 @@ import numpy as np
 
 from ..core.graph import Block
 from ..errors import BadValue, SinkError
+from .exact import PAIRS, Pairs, arm_forces, check_material, maxwell_force, signals_at, springpot_force
 
-ONSETS = ("rest", "step")
-PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
 CONFIDENCE = 0.95
 ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
 
 
-# The exact answers ---------------------------------------------------------------------------------------------------
-def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> np.ndarray:
-    """What chi D^alpha y is at the times t, exactly, when y is straight between them.
-
-    f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 - alpha)), without cancellation.
-
-    Parameters
-    ----------
-    t : array_like, shape (n,)
-        Times in s, rising, at any distances.
-    y : array_like, shape (n,)
-        Displacement in m.
-    chi : float
-        N s^alpha/m, not below 0.
-    alpha : float
-        From 0 (spring) to 1 (dashpot).
-    onset : {"rest", "step"}
-        Whether y has always been where it is at first, or jumps there from 0 (the force at that time is then infinite).
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Force in N.
-
-    Raises
-    ------
-    BadValue
-        t not rising, not finite or of another length than y; chi, alpha or onset outside their range.
-
-    References
-    ----------
-    Çaldıran's thesis, eq. (2.8); the sum over straight pieces is the L1 formula on an uneven grid.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.fitting.relaxation import springpot_force
-    >>> t = np.array([0.0, 0.5, 0.7, 4.0])
-    >>> springpot_force(t, 0.1 * t, 100.0, 0.5).round(6)  # 100 * 0.1 * 2 sqrt(t/pi)
-    array([ 0.      ,  7.978846,  9.440697, 22.567583])
-    """
-    t, y = _signals(t, y)
-    _material(chi, alpha, onset)
-    out = np.empty(t.size)
-    for some in np.array_split(np.arange(t.size), max(1, t.size * t.size // 2_000_000)):
-        out[some] = _Pairs(t, y, some, onset)(alpha)[0]
-    return chi * out
-
-
-def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
-    """What a spring and Maxwell arms answer at the times t, exactly, when y is straight between them.
-
-    Parameters
-    ----------
-    t, y, onset
-        As for ``springpot_force``; y counts from where the spring has no force.
-    k0 : float
-        Stiffness of the spring in N/m.
-    arms : sequence of (k, tau)
-        Stiffness in N/m and time constant in s of each arm.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Force in N.
-
-    Raises
-    ------
-    BadValue
-        t not rising, not finite or of another length than y; a time constant not above 0; an unknown onset.
-
-    References
-    ----------
-    Çaldıran's thesis, eq. (2.1) and fig. 2.1.
-
-    Examples
-    --------
-    >>> from stimlib.fitting.relaxation import maxwell_force
-    >>> maxwell_force([0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]).round(4)
-    array([0.    , 1.5   , 1.1839, 1.    ])
-    """
-    t, y = _signals(t, y)
-    _material(0.0, 0.0, onset)
-    arms = [(float(k), float(tau)) for k, tau in arms]
-    if not all(math.isfinite(k) and math.isfinite(tau) and tau > 0 for k, tau in arms):
-        raise BadValue(f"maxwell_force: arms {arms} must have finite stiffnesses and time constants above 0")
-    k, tau = np.array([a[0] for a in arms]), np.array([a[1] for a in arms])
-    return k0 * y + _arms(t, y, tau, onset)[0] @ k
-
-
-class _Pairs:
-    """The springpot's answer, for chi = 1, at some of the times, and its derivative by alpha."""
-
-    def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
-        slope = np.diff(y) / np.diff(t)
-        moving = np.flatnonzero(slope)  # held pieces add nothing
-        self.slope = slope[moving]
-        since_end = t[some][:, None] - t[None, 1:][:, moving]
-        self.over = since_end > 0
-        self.now = since_end == 0
-        past = np.where(self.over, since_end, 1.0)
-        piece = np.diff(t)[moving]
-        self.end = np.log(past)  # t - t_i+1
-        self.more = np.log1p(piece / past)  # log of (t - t_i)/(t - t_i+1)
-        self.piece = np.log(piece)
-        self.since = t[some] - t[0]
-        self.jump = y[0] if onset == "step" else 0.0
-
-    def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-        from scipy.special import digamma
-
-        b, size = 1 - alpha, math.gamma(2 - alpha)
-        end, more = np.exp(b * self.end), np.expm1(b * self.more)
-        last = np.exp(b * self.piece)
-        part = np.where(self.over, end * more, np.where(self.now, last, 0.0))
-        value = part @ self.slope / size
-        # by b: x^b log x
-        steep = np.where(self.over, end * (more * self.end + (more + 1) * self.more), np.where(self.now, last * self.piece, 0.0))
-        slope = digamma(2 - alpha) * value - steep @ self.slope / size
-        if self.jump:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                log = np.log(self.since)
-                if alpha == 1:
-                    extra = np.where(self.since > 0, 0.0, math.inf)
-                    by = np.where(self.since > 0, -1 / self.since, math.inf)  # 1/Gamma(1 - alpha) falls with the slope 1
-                else:
-                    extra = np.exp(-alpha * log) / math.gamma(1 - alpha)
-                    by = extra * (digamma(1 - alpha) - log)
-            value, slope = value + self.jump * extra, slope + self.jump * by
-        return value, slope
-
-
-def _arms(t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str) -> tuple[np.ndarray, np.ndarray]:
-    """Answers of unit arms, shape (t.size, tau.size), and their derivatives by log(tau)."""
-    a = np.diff(t)[:, None] / tau
-    e = -np.expm1(-a)
-    p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
-    drive, by_p, by_g = g * dy, p * a, (g - p) * dy
-    f, d = np.zeros((t.size, tau.size)), np.zeros((t.size, tau.size))
-    f[0] = y[0] if onset == "step" else 0.0
-    for n in range(t.size - 1):
-        f[n + 1] = f[n] - e[n] * f[n] + drive[n]
-        d[n + 1] = p[n] * d[n] + by_p[n] * f[n] + by_g[n]
-    return f, d
-
-
-# Input ---------------------------------------------------------------------------------------------------------------
-def _signals(t, *signals) -> list[np.ndarray]:
-    out: list[np.ndarray] = []
-    names = ("t", "y", "f") if len(signals) < 3 else ("t", *(f"signal {i}" for i in range(1, len(signals) + 1)))
-    for name, v in zip(names, (t, *signals), strict=False):
-        try:
-            a = np.array(v, float)
-        except (TypeError, ValueError):
-            raise BadValue(f"{name} must be an array of numbers") from None
-        if a.ndim != 1 or (out and a.size != out[0].size):
-            raise BadValue(f"{name} has shape {a.shape}; time and signals must be one-dimensional and of one length")
-        if not np.isfinite(a).all():
-            raise BadValue(f"{name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
-        out.append(a)
-    if out[0].size < 2:
-        raise BadValue(f"{out[0].size} samples are not enough; give at least 2")
-    late = np.diff(out[0]) > 0
-    if not late.all():
-        i = int(np.argmin(late))
-        raise BadValue(f"t must rise: t[{i}] = {out[0][i]:g} is followed by t[{i + 1}] = {out[0][i + 1]:g}")
-    return out
-
-
-def _material(chi: float, alpha: float, onset: str) -> None:
-    if not (math.isfinite(chi) and chi >= 0):
-        raise BadValue(f"springpot: chi = {chi} must not be below 0")
-    if not 0 <= alpha <= 1:
-        raise BadValue(f"springpot: alpha = {alpha} must be from 0 (spring) to 1 (dashpot)")
-    if onset not in ONSETS:
-        raise BadValue(f"onset = {onset!r}; choose one of {', '.join(ONSETS)}")
-
-
-def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> list[np.ndarray]:
-    """Averages over bins: equal bins before a time, and bins of equal ratio after it.
-
-    A relaxation sampled evenly has nearly all of its samples where nothing happens any more.  Averages over bins weigh every
-    decade of time alike, and have less noise.
-
-    Parameters
-    ----------
-    t : array_like, shape (n,)
-        Times in s, rising.
-    *signals : array_like, shape (n,)
-        Such as displacement and force.
-    start : float
-        Time in s after which bins are even in the logarithm of the time since then: the start of the hold.
-    per_decade : int
-        Bins in a factor of 10 in time.
-    before : int
-        Bins before ``start``; as many as there are samples at most.
-
-    Returns
-    -------
-    list of ndarray
-        Mean time and means of the signals; empty bins are left out.
-
-    Raises
-    ------
-    BadValue
-        t not rising, not finite or of another length than the signals; start not within t; no bins.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.fitting.relaxation import thin
-    >>> t = np.arange(100_000) / 5000
-    >>> short, y = thin(t, np.minimum(t, 0.1), start=0.1)
-    >>> short.size, float(y[-1].round(9))
-    (367, 0.1)
-    """
-    rows = _signals(t, *signals)
-    t = rows[0]
-    if not t[0] <= start < t[-1]:
-        raise BadValue(f"thin: start = {start:g} s must be within t, {t[0]:g} to {t[-1]:g} s")
-    if per_decade < 1 or before < 1:
-        raise BadValue(f"thin: per_decade = {per_decade} and before = {before} must be at least 1")
-    early = int(np.sum(t <= start))
-    bins = np.empty(t.size, np.int64)
-    bins[:early] = np.arange(early) * min(before, early) // max(early, 1)
-    since = t[early:] - start
-    bins[early:] = before + np.floor(np.log10(since / since[0]) * per_decade + 1e-9).astype(np.int64)
-    starts = np.flatnonzero(np.diff(bins, prepend=-1))
-    counts = np.diff(np.r_[starts, t.size])
-    return [np.add.reduceat(v, starts) / counts for v in rows]
-
-
-# Fits ----------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False, repr=False)
 class MaterialFit:
     """A model, its numbers, and how well it fits what was recorded.
@@ -464,7 +226,8 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.relaxation import fit_springpot, springpot_force
+    >>> from stimlib.fitting.exact import springpot_force
+    >>> from stimlib.fitting.relaxation import fit_springpot
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
     >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal(t.size)
@@ -474,15 +237,15 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
     """
     from scipy.optimize import least_squares
 
-    t, y, f = _signals(t, y, f)
-    _material(0.0, 0.0, onset)
+    t, y, f = signals_at(t, y, f)
+    check_material(0.0, 0.0, onset)
     used, weight = _use(t, y, f, where, sigma, onset, 3)
     if used.sum() * t.size > PAIRS:
         raise BadValue(
             f"fit_springpot: {int(used.sum())} samples to fit and {t.size - 1} straight pieces are too many pairs; "
             "average them first: t, y, f = thin(t, y, f, start=...)"
         )
-    model, target = _Pairs(t, y, np.flatnonzero(used), onset), f[used] * weight
+    model, target = Pairs(t, y, np.flatnonzero(used), onset), f[used] * weight
 
     def miss(x):
         return math.exp(x[0]) * model(x[1])[0] * weight - target
@@ -547,7 +310,8 @@ def fit_generalized_maxwell(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.relaxation import fit_generalized_maxwell, maxwell_force
+    >>> from stimlib.fitting.exact import maxwell_force
+    >>> from stimlib.fitting.relaxation import fit_generalized_maxwell
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)
     >>> fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1), (30.0, 5.0)]), arms=2)
@@ -556,8 +320,8 @@ def fit_generalized_maxwell(
     """
     from scipy.optimize import least_squares, nnls
 
-    t, y, f = _signals(t, y, f)
-    _material(0.0, 0.0, onset)
+    t, y, f = signals_at(t, y, f)
+    check_material(0.0, 0.0, onset)
     if not isinstance(arms, (int, np.integer)) or isinstance(arms, bool) or arms < 1:
         raise BadValue(f"fit_generalized_maxwell: arms = {arms!r} must be a whole number of at least 1")
     n = int(spring)
@@ -569,7 +333,7 @@ def fit_generalized_maxwell(
     longest = float(since.max())
 
     def unit(logs):
-        value, by = _arms(t, y, np.exp(logs), onset)
+        value, by = arm_forces(t, y, np.exp(logs), onset)
         return value[used] * weight[:, None], by[used] * weight[:, None]
 
     def miss(x):
@@ -649,7 +413,7 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
             return used, np.full(int(used.sum()), 1 / np.sqrt(np.mean(f[used] ** 2)))
         size = np.abs(f)
     else:
-        size = _signals(t, sigma)[1]
+        size = signals_at(t, sigma)[1]
     if not np.all(size[used] > 0):
         i = int(np.flatnonzero(used & ~(size > 0))[0])
         what = (
