@@ -20,6 +20,9 @@ BINS = 5  # lines within the half bandwidth, at least
 DRIVEN = 0.02  # of the strongest line of the drive: below, a line counts as not driven
 EVEN = 0.3  # of it: below, no peak is looked for
 RINGS = 0.03  # of the largest response, at the end of a recording
+PROMPT = 0.02  # 1/(half width): a delay that the smooth rest takes
+SURE = 5.0  # standard deviations from which on a delay is seen
+IN_PHASE = 0.3  # of the largest point: above, a part across its phase is no mode's
 HELD = 3  # samples in a row at the largest value: a recorder at its end
 
 
@@ -86,6 +89,9 @@ class Resonance:
     shape_sd : ndarray, shape (points,)
     dof : int
         Degrees of freedom of the noise's estimate.
+    delay : float
+        Of the response behind the drive in s; 0 where none is seen.  Where there is one it is known within about 0.02 q/freq, and
+        so is what the mode decays in that time: ``gain`` within about 10 %.
     """
 
     freq: float
@@ -96,6 +102,7 @@ class Resonance:
     shape: np.ndarray
     shape_sd: np.ndarray
     dof: int
+    delay: float = 0.0
 
     def _interval(self, value: float, sd: float) -> tuple[float, float]:
         from scipy.stats import t
@@ -125,7 +132,7 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p for all points.  R and the rest are found
     by linear least squares for each p, and p by Gauss and Newton's method.  Noise that is white near the resonance is uniform
     there, so these are the most likely numbers, and the curvature says how well they are known.  A delay between the two
-    recordings goes into R and the rest.
+    recordings, the same at all points, is found with the pole where it is seen: it leaves the smoothest rest.
 
     Parameters
     ----------
@@ -170,7 +177,7 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     u, y = _signals(drive, response)
     if quantity not in QUANTITIES:
         raise BadValue(f"identify: quantity = {quantity!r}; choose one of {', '.join(QUANTITIES)}")
-    _check_clipped(y)
+    check_taken(u, y)
     f = np.fft.rfftfreq(y.shape[1], 1 / fs)
     U, Y = np.fft.rfft(u), np.fft.rfft(y)
     power = np.abs(U).max(axis=0) if len(U) > 1 else np.abs(U[0])
@@ -178,7 +185,10 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     strong[0] = False
     low, high = (0.0, fs / 2) if band is None else band
     inside = strong & (f >= low) & (f <= high)
-    freq, half = _peak(f, U, Y, inside & (power > EVEN * power.max()))
+    even = inside & (power > EVEN * power.max())
+    freq, half = _peak(f, U, Y, even)
+    late = _late(U, Y, even, y.shape[1]) / fs
+    early = Y * np.exp(2j * math.pi * f * late)
     for _ in range(3):
         near = np.abs(f - freq) <= WIDTHS * half
         if not strong[near].all() or freq - half < low or freq + half > high:
@@ -192,18 +202,24 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
                 f"identify: {y.shape[1] / fs:.3g} s are too short for a resonance of {2 * half:.3g} Hz width near {freq:.4g} Hz; "
                 f"record at least {math.ceil(2 * BINS / half)} s, and until it no longer rings"
             )
-        pole, cov, residues, noise, dof = _fit(f[near], U[:, near], Y[:, near], freq, half)
-        freq, half = abs(pole) / (2 * math.pi), -pole.real / (2 * math.pi)
+        fit = moved = _fit(f[near], U[:, near], early[:, near], freq, half, free=True)
+        still = _fit(f[near], U[:, near], Y[:, near], freq, half, free=False)
+        if abs(late + moved.delay) < PROMPT / half or still.cost < moved.cost * (1 + SURE**2 / moved.dof):
+            fit = still
+        freq, half = abs(fit.pole) / (2 * math.pi), -fit.pole.real / (2 * math.pi)
         if not (half > 0 and low <= freq <= high):
             raise RecordingError("identify: no resonance in the band; sweep through it, or give band=(low, high) around it")
     _check_quiet(y, fs, freq, half)
+    pole, residues = fit.pole, fit.residues
     w, b = abs(pole), -pole.real / abs(pole)
     slopes = np.array([[pole.real, pole.imag], [b * b - 1, -b * pole.imag / w]]) / w  # of w and b by the pole's parts
-    sd = np.sqrt(np.diag(slopes @ cov @ slopes.T))
+    sd = np.sqrt(np.diag(slopes @ fit.cov @ slopes.T))
     gain = residues * 2j * pole.imag / w**2 / pole ** QUANTITIES[quantity]
     largest = gain[np.abs(gain).argmax()]
     sign = np.sign(largest.real) or 1.0
-    real = (gain * np.exp(-1j * np.angle(largest))).real
+    turned = gain * np.exp(-1j * np.angle(largest))
+    real, shape_sd = turned.real, fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest)
+    _check_in_phase(turned.imag / abs(largest), IN_PHASE + 5 * shape_sd)
     return Resonance(
         freq=w / (2 * math.pi),
         q=0.5 / b,
@@ -211,8 +227,9 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
         q_sd=float(sd[1]) * 0.5 / b**2,
         gain=sign * real,
         shape=real / abs(largest),
-        shape_sd=np.full(real.size, noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest)),
-        dof=dof,
+        shape_sd=np.full(real.size, shape_sd),
+        dof=fit.dof,
+        delay=0.0 if fit is still else late + fit.delay,
     )
 
 
@@ -225,15 +242,16 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
         raise BadValue(
             f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one drive or one for each"
         )
+    return u, y
+
+
+def check_taken(u: np.ndarray, y: np.ndarray) -> None:
+    """Raise RecordingError where a row is silent, or a response clipped; BadValue where a sample is no number."""
     for name, v in (("drive", u), ("response", y)):
         if not np.isfinite(v).all():
             raise BadValue(f"identify: {name} has a sample that is not finite")
         if not np.ptp(v, axis=1).all():
             raise RecordingError(f"identify: a row of the {name} never changes: check the cable, and record again")
-    return u, y
-
-
-def _check_clipped(y: np.ndarray) -> None:
     for k, row in enumerate(y):
         for end in (row.max(), row.min()):
             at = np.flatnonzero(row == end)
@@ -243,6 +261,15 @@ def _check_clipped(y: np.ndarray) -> None:
                     f"identify: the response of point {k} is clipped at {end:g}: {at.size} samples stand there; lower the drive "
                     "or the recorder's gain, and record again"
                 )
+
+
+def _check_in_phase(across: np.ndarray, most: float) -> None:
+    k = int(np.abs(across).argmax())
+    if abs(across[k]) > most:
+        raise RecordingError(
+            f"identify: point {k} answers out of phase with the others, by {100 * abs(across[k]):.0f} % of the largest: a mode "
+            "moves all points together, so the recordings are not equally late; record the drive beside each response"
+        )
 
 
 def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
@@ -275,18 +302,43 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
     return float(f[at[k]]), float(max(f[at[right]] - f[at[left]], f[1]) / 2)
 
 
-def _fit(f, U, Y, freq: float, half: float) -> tuple[complex, np.ndarray, np.ndarray, float, int]:
-    """Pole (rad/s), covariance of its parts, residues, standard deviation of a residue, degrees of freedom."""
+def _late(U: np.ndarray, Y: np.ndarray, even: np.ndarray, n: int) -> int:
+    """Samples by which the responses are late: where their answer to an impulse of the driven band is largest, about."""
+    spectrum = np.zeros((len(Y), n), complex)
+    spectrum[:, np.flatnonzero(even)] = Y[:, even] / U[:, even]
+    late = int(np.sum(np.abs(np.fft.ifft(spectrum)) ** 2, axis=0).argmax())
+    return late if late < n // 2 else late - n
+
+
+class _Fit(NamedTuple):
+    pole: complex  # rad/s
+    cov: np.ndarray  # of its parts
+    residues: np.ndarray
+    noise: float  # standard deviation of a residue
+    dof: int
+    delay: float
+    cost: float
+
+
+def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
+    """A pole for all points, residues and a rest for each; ``free``: and a delay for all.
+
+    Varied are the logarithm of the width, the pole's place in half widths, and the delay in 1/(2 pi half width).
+    """
     from scipy.optimize import least_squares
 
     w, scale = 2j * math.pi * f, 2 * math.pi * half
     t = (f - freq) / half
     smooth = np.stack([t**k for k in range(BACKGROUND)])
 
-    def solved(p: complex) -> tuple[np.ndarray, np.ndarray, float]:
+    def pole(v: np.ndarray) -> complex:
+        return complex(-math.exp(v[0]) * scale, 2 * math.pi * freq + v[1] * scale)
+
+    def solved(v: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         rest, residues, spread = [], [], 0.0
+        model = np.vstack([scale / (w - pole(v)), smooth]) * np.exp(-w / scale * (v[2] if free else 0.0))
         for k, y in enumerate(Y):
-            A = (np.vstack([scale / (w - p), smooth]) * U[min(k, len(U) - 1)]).T
+            A = (model * U[min(k, len(U) - 1)]).T
             Q, R = np.linalg.qr(A)
             c = Q.conj().T @ y
             rest.append(y - Q @ c)
@@ -295,23 +347,22 @@ def _fit(f, U, Y, freq: float, half: float) -> tuple[complex, np.ndarray, np.nda
             spread = max(spread, scale * float(np.linalg.norm(inverse[0])))
         return np.concatenate(rest), np.array(residues), spread
 
-    def pole(v: np.ndarray) -> complex:
-        return complex(-math.exp(v[0]) * scale, 2 * math.pi * freq + v[1] * scale)
-
     size = float(np.linalg.norm(Y))
 
     def rest(v: np.ndarray) -> np.ndarray:
-        r = solved(pole(v))[0] / size
+        r = solved(v)[0] / size
         return np.r_[r.real, r.imag]
 
-    found = least_squares(rest, [0.0, 0.0], jac="3-point", bounds=([-3, -3], [3, 3]), xtol=1e-12, ftol=1e-12)
+    ends = np.array([3.0, 3.0, 2.0])[: 2 + free]
+    found = least_squares(rest, 0 * ends, jac="3-point", bounds=(-ends, ends), xtol=1e-12, ftol=1e-12)
     p = pole(found.x)
-    dof = 2 * Y.size - 2 - 2 * (1 + BACKGROUND) * len(Y)
+    dof = 2 * Y.size - ends.size - 2 * (1 + BACKGROUND) * len(Y)
     variance = 2 * found.cost / dof
-    by = np.diag([p.real, scale])  # of the pole's parts by v
-    cov = by @ np.linalg.inv(found.jac.T @ found.jac) @ by * variance
-    _, residues, spread = solved(p)
-    return p, cov, residues, spread * math.sqrt(variance) * size, dof
+    by = np.diag([p.real, scale])  # of the pole's parts by what is varied
+    cov = by @ np.linalg.inv(found.jac.T @ found.jac)[:2, :2] @ by * variance
+    _, residues, spread = solved(found.x)
+    delay = float(found.x[2]) / scale if free else 0.0
+    return _Fit(p, cov, residues, spread * math.sqrt(variance) * size, dof, delay, float(found.cost))
 
 
 class Drift(NamedTuple):

@@ -47,9 +47,14 @@ def test_many_points_give_a_shape_and_a_better_frequency():
 
 
 def test_a_delay_between_the_recordings_changes_no_frequency():
-    u, y = sweep()
-    late = identify(u, np.roll(y, 3), FS)
-    assert late.freq == pytest.approx(F0, rel=1e-5) and late.q == pytest.approx(Q, rel=1e-3)
+    u, y = sweep(rest=0.5)
+    assert identify(u, y, FS).delay == 0.0
+    for samples in (2, 40):  # the first of them goes into the rest; the second would make q 12
+        late = identify(u, np.roll(y, samples), FS)
+        assert late.freq == pytest.approx(F0, rel=1e-6) and late.q == pytest.approx(Q, rel=1e-5)
+    assert late.delay == pytest.approx(40 / FS, abs=2e-3) and late.gain[0] == pytest.approx(0.98, abs=0.12)
+    with pytest.raises(RecordingError, match="point 1 answers out of phase"):
+        identify(u, np.array([y, 0.9 * np.roll(y, 2)]), FS)
 
 
 def test_a_file_is_read(tmp_path):

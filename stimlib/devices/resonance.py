@@ -1,0 +1,176 @@
+"""Sweeps through a device: a drive is played, and what a sensor answers is recorded beside it, at one point or at many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..blocks.sources import chirp
+from ..core.graph import Input, constant
+from ..core.scene import Scene
+from ..errors import BadValue, RecordingError
+from ..plate.identify import Sweep, check_taken
+from ..run.safety import Safety
+from .sources import Signal, Signals
+
+TAKES = 3  # of a point, where somebody can be asked
+ANY = 1e30  # full scale of what no device plays
+
+Ready = Callable[[int, Any, RecordingError | None], None]
+
+
+class _Kept:
+    """A log in memory."""
+
+    def __init__(self) -> None:
+        self.x: list[np.ndarray] = []
+        self.frames: list[np.ndarray] = []
+
+    def motion(self, x: np.ndarray) -> None:
+        self.x.append(x.copy())
+
+    def delivered(self, frames: np.ndarray) -> None:
+        self.frames.append(frames)
+
+    def event(self, at: int, kind: str, **more: Any) -> None:
+        """Losses are in the report."""
+
+    def close(self, report: dict[str, Any]) -> None:
+        """It stays."""
+
+
+def record_sweep(
+    sink: Callable[..., Any],
+    full_scale: float,
+    response: Any,
+    rate: float,
+    band: tuple[float, float] = (1.0, 625.0),
+    seconds: float = 5.0,
+    rest: float = 1.0,
+    amplitude: float | None = None,
+    drive: Signal | None = None,
+    points: Any = None,
+    ready: Ready | None = None,
+    channels: Any = ("drive",),
+    **options: Any,
+) -> Sweep:
+    """Play a chirp through a sink, and record what a sensor answers; ``identify(*sweep)`` finds the resonance in it.
+
+    Each point is a session of its own.  The drive is what the device was given, fades and limits included, or what ``drive``
+    recorded: then no delay is between the two, and gains are exact.
+
+    Parameters
+    ----------
+    sink : class or function
+        ``JackSink``, ``PortAudioSink``, ``NullSink``, or what makes one from ``(scene, safety, motion=, log=, **options)``.
+    full_scale : float
+        Voltage that 1.0 makes at the device.
+    response : Signal, or a motion of one input
+        The device's input that the sensor is at: ``Signal(scale, connect=port)``, its scale in m, m/s or m/s^2 for 1.0.  An array
+        or a function of time rehearses.
+    rate : float
+        Of the device, in Hz.
+    band : (float, float)
+        Frequencies in Hz between which it sweeps; the default is the thesis'.
+    seconds, rest : float
+        Length of the sweep, and of the silence behind it, in which the plate must come to rest.
+    amplitude : float, optional
+        In V; by default full scale.
+    drive : Signal, optional
+        An input of the device at which the voltage itself is recorded, its scale in V.
+    points : array_like, shape (points, ..), optional
+        A row for each point to measure, such as its x and y; by default one point.
+    ready : function, optional
+        ``ready(k, points[k], error)`` is called before each session and returns when the sensor is there.  ``error`` is None, or
+        why the last take of this point must be done again (three times at most); whatever it raises ends all.
+    channels : int or sequence
+        As for ``Sink.open``: ``[None, "drive"]`` plays on the second channel.
+    **options
+        Of the sink, such as ``connect=["system:playback_1"]``.
+
+    Returns
+    -------
+    Sweep
+        drive and response, each of shape (points, n), and the sample rate.
+
+    Raises
+    ------
+    BadValue
+        An amplitude above full scale, several points and nobody to ask, numbers that make no chirp.
+    RecordingError
+        A take that is clipped or silent, or of which the device lost frames.
+    SinkError
+        As ``Sink.open``.
+
+    References
+    ----------
+    The touch-screen thesis, section 2.2: sweeps of 1 .. 625 Hz, at 25 points.
+
+    Examples
+    --------
+    A rehearsal without a device, of a response that is known:
+
+    >>> import stimlib
+    >>> from stimlib.blocks import chirp, mode
+    >>> from stimlib.devices.null import NullSink
+    >>> from stimlib.devices.resonance import record_sweep
+    >>> from stimlib.plate import identify
+    >>> answer = stimlib.Scene({"y": 2e-6 * mode(10 * chirp(60, 320, 2.0), 158.0, q=10)})
+    >>> y = stimlib.render(answer, {}, fs=2000, seconds=2.5)["y"]
+    >>> sweep = record_sweep(NullSink, 10.0, y, 2000, (60, 320), seconds=2.0, rest=0.5, clocked=False)
+    >>> found = identify(*sweep)
+    >>> print(f"{found.freq:.1f} Hz, q = {found.q:.1f}")
+    158.0 Hz, q = 10.0
+    """
+    amplitude = full_scale if amplitude is None else amplitude
+    if not 0 < amplitude <= full_scale:
+        raise BadValue(f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale = {full_scale!r} V")
+    if not rest > 0:
+        raise BadValue(f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep")
+    places = [None] if points is None else list(points)
+    if not places or (len(places) > 1 and ready is None):
+        raise BadValue(f"record_sweep: {len(places)} points; give at least one, and ready=, which asks for each of several")
+    inputs = {"response": response} | ({} if drive is None else {"voltage": drive})
+    played = constant(float(amplitude), "V") * chirp(float(band[0]), float(band[1]), float(seconds))
+    scene = Scene({"drive": played} | {f"{name}_seen": Input(name) for name in inputs})
+    safety = Safety({"drive": full_scale} | {f"{name}_seen": ANY for name in inputs})
+    motion = Signals(inputs) if isinstance(response, Signal) else inputs
+
+    def take() -> tuple[np.ndarray, np.ndarray]:
+        kept = _Kept()
+        with sink(scene, safety, motion=motion, log=kept, **options) as s:
+            s.open(rate, channels)
+            s.start(seconds + rest)
+            s.wait()
+        report, column = s.report(), list(s.proc.inputs).index
+        if report.lost or report.unlogged:
+            raise RecordingError(
+                f"record_sweep: the device lost {report.lost} frames, and {report.unlogged} were not kept: record again, with "
+                "longer blocks or less other work"
+            )
+        x = np.concatenate(kept.x, axis=1)
+        at = next(k for k, i in enumerate(s.map) if i == s.proc.outputs.index("drive"))
+        given = full_scale * np.concatenate(kept.frames)[:, at].astype(float)
+        u = given if drive is None else x[column("voltage")]
+        check_taken(u[None], x[column("response")][None])
+        return u, x[column("response")]
+
+    taken = [_asked(take, k, place, ready) for k, place in enumerate(places)]
+    u, y = (np.array(rows) for rows in zip(*taken, strict=True))
+    return Sweep(u, y, float(rate))
+
+
+def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:
+    """A take of a point, again where it failed and somebody can do something about it."""
+    error = None
+    for _ in range(TAKES if ready else 1):
+        if ready:
+            ready(k, place, error)
+        try:
+            return take()
+        except RecordingError as e:
+            error = e
+    assert error is not None
+    raise error
