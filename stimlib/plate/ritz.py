@@ -8,7 +8,7 @@ Gauss's sums are exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -17,15 +17,25 @@ HELD = {"F": 0, "S": 1, "C": 2}
 """Order of the zero of each function at an edge that is free, simply supported, clamped."""
 
 
-def basis(terms: int, low: int, high: int) -> np.ndarray:
-    """Legendre series of the functions of one axis on -1 .. 1, shape (degree + 1, terms); orthonormal."""
+@cache
+def basis(terms: int, low: int, high: int) -> tuple[np.ndarray, ...]:
+    """Legendre series of the functions of one axis on -1 .. 1, orthonormal there, and of their first two derivatives.
+
+    Shape (degree + 1, terms) each.
+    """
     from scipy.special import eval_jacobi
 
     s, w = legendre.leggauss(terms + low + high + 2)
     f = np.stack([(1 - s) ** high * (1 + s) ** low * eval_jacobi(k, 2 * high, 2 * low, s) for k in range(terms)])
     f /= np.sqrt(f**2 @ w)[:, None]
     degree = terms - 1 + low + high
-    return (legendre.legvander(s, degree) * (np.arange(degree + 1) + 0.5) * w[:, None]).T @ f.T
+    c = (legendre.legvander(s, degree) * (np.arange(degree + 1) + 0.5) * w[:, None]).T @ f.T
+    slopes = [legendre.legder(c, k) for k in (1, 2)]
+    return c, *(np.vstack([g, np.zeros((degree + 1 - len(g), terms))]) for g in slopes)
+
+
+nodes = cache(legendre.leggauss)
+"""Places and weights of Gauss's sums."""
 
 
 @dataclass(frozen=True)
@@ -40,21 +50,26 @@ class Axis:
     @cached_property
     def series(self) -> list[np.ndarray]:
         """Legendre series in s = 2 x/length - 1 of f, f' and f''."""
-        c = basis(self.terms, HELD[self.low], HELD[self.high]) * np.sqrt(2 / self.length)
-        return [c, legendre.legder(c) * 2 / self.length, legendre.legder(c, 2) * (2 / self.length) ** 2]
+        scale = 2 / self.length
+        return [c * scale ** (0.5 + k) for k, c in enumerate(basis(self.terms, HELD[self.low], HELD[self.high]))]
+
+    def _powers(self, x) -> np.ndarray:
+        """Legendre's polynomials at places, shape (places, degree + 1)."""
+        return legendre.legvander(2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1)
 
     def at(self, x, derivative: int = 0) -> np.ndarray:
         """Values at places, shape (places, terms)."""
-        return legendre.legval(2 * np.asarray(x, float) / self.length - 1, self.series[derivative]).T
+        return self._powers(x) @ self.series[derivative]
 
     def _gauss(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        s, w = legendre.leggauss(self.terms + 6)
+        s, w = nodes(self.terms + 6)
         return low + (high - low) * (s + 1) / 2, w * (high - low) / 2
 
     def products(self, low: float = 0.0, high: float | None = None) -> tuple[np.ndarray, ...]:
         """Integrals of f_i f_j, f_i' f_j', f_i'' f_j'' and f_i'' f_j from low to high."""
         x, w = self._gauss(low, self.length if high is None else high)
-        f, g, h = (self.at(x, d) for d in range(3))
+        powers = self._powers(x)
+        f, g, h = (powers @ c for c in self.series)
         return (f.T * w) @ f, (g.T * w) @ g, (h.T * w) @ h, (h.T * w) @ f
 
     def integral(self, low: float, high: float, derivative: int = 0) -> np.ndarray:
