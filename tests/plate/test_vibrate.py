@@ -1,19 +1,24 @@
 """The plate in a scene: against an integration in time, and what equalisation and compensation leave."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hands import DATA
 from scipy.integrate import solve_ivp
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import amplifier, equalize, mode, mode_shape, pole_swap
 from stimlib.errors import BadValue, UnitError
+from stimlib.motion.recorded import recording
 from stimlib.plate import Finger, Plate, best_gain, envelope_behind, mode_fit, plate
 
 GLASS = replace(Plate.paper(measured=True), terms=12)
 FS = 8000
+RECORDED = DATA / "touch-evemu" / "finger_tablet_circle.csv"
+AT_LENGTH = bool(os.environ.get("STIMLIB_STRESS"))
 X, Y, V = Input("x", "m"), Input("y", "m"), Input("v", "V")
 
 
@@ -22,6 +27,15 @@ def stroke(n):
     t = np.arange(n) / FS
     drive = 40 * np.sin(2 * np.pi * 159 * t) * (np.sin(2 * np.pi * 90 * t) > -0.2)
     return {"x": 0.053 + 0.05 * np.sin(10 * t), "y": 0.07 + 0.02 * np.sin(7 * t), "v": drive}
+
+
+def recorded_stroke(n):
+    """A finger that was recorded as it went in circles, from 1 s on, and the same voltage."""
+    if not RECORDED.is_file():
+        pytest.skip("the recordings are not beside the project")
+    hand = recording(RECORDED, {"x": "x_raw*5e-5", "y": "y_raw*4e-5"}, reports="on_change").motion
+    t = 1.0 + np.arange(n) / FS
+    return stroke(n) | {name: hand[name](t) for name in ("x", "y")}
 
 
 def pulled(scene, rows):
@@ -50,8 +64,9 @@ def integrated(rows, finger=None, modes=2):
     return np.array(out)
 
 
-def test_the_block_is_what_an_integrator_finds():
-    rows = stroke(160)
+@pytest.mark.parametrize("motion", [stroke, recorded_stroke])
+def test_the_block_is_what_an_integrator_finds(motion):
+    rows = motion(24000 if AT_LENGTH else 60)
     want = integrated(rows)
     got = pulled(Scene({"d": plate(X, Y, V, GLASS, modes=2)}), rows)
     assert np.abs(got - want).max() <= 1e-8 * np.abs(want).max()
