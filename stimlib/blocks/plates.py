@@ -164,11 +164,23 @@ class Piece(NamedTuple):
     q: float
     r: float
     t: float  # 1
+    row: float  # number of the piece along x
+    column: float
 
 
 def in_pieces(v, size, per):
-    """A place in pieces, held within the rectangle."""
-    return where(v > 0.0, where(v < size, v, size), 0.0) * per
+    """A place in pieces, held within the rectangle; nan stays nan."""
+    return where(v <= 0.0, 0.0, where(v >= size, size, v)) * per
+
+
+def along(p, x):
+    """Pieces from the corner along x."""
+    return in_pieces(x, p.length, p.along)
+
+
+def across(p, y):
+    """The same along y."""
+    return in_pieces(y, p.width, p.across)
 
 
 def number(a):
@@ -176,42 +188,27 @@ def number(a):
     return floor(where(a < CELLS, a, CELLS - 1.0))
 
 
-def cell(p, x, y):
-    """Number of the piece under a place."""
-    return number(in_pieces(x, p.length, p.along)) * CELLS + number(in_pieces(y, p.width, p.across))
-
-
-def within_x(p, x):
-    """Where on its piece a place is, 0 .. 1 along x."""
-    a = in_pieces(x, p.length, p.along)
-    return a - number(a)
-
-
-def within_y(p, y):
-    """The same along y."""
-    b = in_pieces(y, p.width, p.across)
-    return b - number(b)
+def cell(p, a, b):
+    """Number of the piece under a place in pieces."""
+    return number(a) * CELLS + number(b)
 
 
 def bicubic(p, a, b):
-    """Value of a piece."""
+    """Value of a piece at a place in pieces."""
+    a, b = a - p.row, b - p.column
     one, two = fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f), fma(fma(fma(p.g, b, p.h), b, p.i), b, p.j)
     three, four = fma(fma(fma(p.k, b, p.s), b, p.m), b, p.n), fma(fma(fma(p.o, b, p.q), b, p.r), b, p.t)
     return fma(fma(fma(one, a, two), a, three), a, four)
 
 
-def piece(c, k):
-    """Factors of piece k."""
-    k = INT(k) * 16
+def piece(c, cell):
+    """Factors of a piece."""
+    k, row = INT(cell) * 16, floor(cell / CELLS)
     return Piece(
         c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7],
         c[k + 8], c[k + 9], c[k + 10], c[k + 11], c[k + 12], c[k + 13], c[k + 14], c[k + 15],
+        row, cell - row * CELLS,
     )  # fmt: skip
-
-
-def known(p, phi, x, y):
-    """phi; nan where a place is none."""
-    return where(x == x, where(y == y, phi, y), x)
 
 
 def pieces(terms: int) -> np.ndarray:
@@ -257,8 +254,8 @@ class Shape(Block):
 
     @staticmethod
     def step(p, s, x, y):
-        phi = bicubic(piece(p.c, cell(p, x, y)), within_x(p, x), within_y(p, y))
-        return known((), phi, x, y), s
+        a, b = along(p, x), across(p, y)
+        return bicubic(piece(p.c, cell((), a, b)), a, b), s
 
     @staticmethod
     def work(p):
@@ -266,19 +263,19 @@ class Shape(Block):
 
     @staticmethod
     def tile(p, s, x, y, phi, w):
-        """As ``step``; samples in a row on one piece, of which a finger has many, are computed together."""
+        """As ``step``, from the piece of each sample on to the end: a finger stays on one for many samples."""
         n = phi.size
         cells, a, b = w[:n], w[64 : 64 + n], w[128 : 128 + n]
         grid = Grid(p.length, p.width, p.along, p.across)
-        each(cell, grid, (x, y), cells)
-        each(within_x, grid, (x,), a)
-        each(within_y, grid, (y,), b)
-        first = 0
-        for end in range(1, n + 1):
-            if end == n or cells[end] != cells[first]:
-                each(bicubic, piece(p.c, cells[first]), (a[first:end], b[first:end]), phi[first:end])
-                first = end
-        each(known, (), (phi, x, y), phi)
+        each(along, grid, (x,), a)
+        each(across, grid, (y,), b)
+        each(cell, (), (a, b), cells)
+        each(bicubic, piece(p.c, cells[0]), (a, b), phi)
+        here = cells[0]
+        for i in range(1, n):
+            if cells[i] != here:
+                here = cells[i]
+                each(bicubic, piece(p.c, here), (a[i:n], b[i:n]), phi[i:n])
         return s
 
 

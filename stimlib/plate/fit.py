@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import BadValue
 from .model import Plate
 
-SCALES = {"E": 1.0, "rho": 1.0, "clamp_stiffness": 1.0, "in_plane_load": None}  # None: not a logarithm but parts of 1 kN/m
+NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ def fit_frame(
     import jax
     from scipy.optimize import least_squares
 
-    unknown = set(vary) - set(SCALES)
+    unknown = set(vary) - set(NUMBERS)
     if unknown or not 0 < len(vary) <= len(measured):
         raise BadValue(
-            f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as many of {', '.join(SCALES)}"
+            f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as many of {', '.join(NUMBERS)}"
         )
     order = sorted(measured)
     want = np.array([measured[k] for k in order], float)
@@ -72,8 +72,9 @@ def fit_frame(
     modes = model.frequencies(order[-1] + 1)
 
     def numbers(v):
-        names = zip(vary, v, strict=True)
-        return {n: getattr(model, n) + 1e3 * x if SCALES[n] is None else getattr(model, n) * jax.numpy.exp(x) for n, x in names}
+        """A load moves by kN/m, all others by logarithms."""
+        start = {n: (getattr(model, n), x) for n, x in zip(vary, v, strict=True)}
+        return {n: a + 1e3 * x if n == "in_plane_load" else a * jax.numpy.exp(x) for n, (a, x) in start.items()}
 
     def residual(v):
         return modes(numbers(v))[at] / want - 1

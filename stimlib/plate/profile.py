@@ -71,7 +71,7 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     along = np.linspace(0, model.length, 121)
     bare = replace(model, patches=(), terms=None)
     kinds = [replace(bare, clamp_stiffness=float(k) * bare.stiffness / bare.length) for k in KAPPAS] if fitted else [bare]
-    rows = np.array([np.abs(m.shape(0, along, y)) / np.abs(m.shape(0, model.length / 2, y)) for m in kinds])
+    rows = np.array([np.abs(m.shape(0, along, y)) for m in kinds])
 
     def shape(places: np.ndarray, kappa: float) -> np.ndarray:
         from scipy.interpolate import CubicSpline

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import chirp, cont2discrete, lfilter
 
 from stimlib.errors import BadValue, RecordingError
-from stimlib.plate import Plate, drift, fit_frame, identify, read_sweep
+from stimlib.plate import Plate, Resonance, drift, fit_frame, identify, read_sweep
 
 FS, F0, Q = 2000, 158.0, 10.0
 SWEEPS = 1000 if os.environ.get("STIMLIB_STRESS") else 40
@@ -25,13 +25,17 @@ def sweep(f0=F0, q=Q, seconds=2.0, rest=0.4, low=60.0, high=320.0, velocity=Fals
 def test_what_is_measured_is_found_within_what_is_said():
     """40 dB of signal over noise: 0.05 % and 3 %; of all intervals 95 in 100 hold the truth."""
     u, y = sweep()
-    rng, hits, noise = np.random.default_rng(5), [], np.std(y) / 100
+    rng, hits, seen, noise = np.random.default_rng(5), [], [], np.std(y) / 100
     for _ in range(SWEEPS):
         r = identify(u, y + noise * rng.standard_normal(y.size), FS)
         assert abs(r.freq / F0 - 1) < 5e-4 and abs(r.q / Q - 1) < 0.03
+        seen.append((r.freq, r.q, r.freq_sd, r.q_sd))
         hits += [r.freq_interval[0] < F0 < r.freq_interval[1], r.q_interval[0] < Q < r.q_interval[1]]
     slack = 0.01 if SWEEPS > 100 else 0.05
     assert 0.95 - slack <= np.mean(hits) <= 0.95 + slack
+    scatter, told = np.std(seen, axis=0)[:2], np.mean(seen, axis=0)[2:]
+    np.testing.assert_allclose(scatter / told, 1.0, atol=0.4)
+    assert np.ptp(r.freq_interval) == pytest.approx(2 * 1.97 * r.freq_sd, rel=0.01)
 
 
 def test_many_points_give_a_shape_and_a_better_frequency():
@@ -66,7 +70,8 @@ def test_a_file_is_read(tmp_path):
     with pytest.raises(RecordingError, match="t, volt, centre"):
         read_sweep(tmp_path / "sweep.npz", "volt", ["edge"])
     with pytest.raises(RecordingError, match="equal steps"):
-        read_sweep({"t": np.cumsum(np.r_[np.ones(50), 3.0]), "volt": u[:51], "y": y[:51]}, "volt", ["y"])
+        read_sweep({"t": np.cumsum(np.r_[np.ones(50), 1.012]), "volt": u[:51], "y": y[:51]}, "volt", ["y"])
+    assert read_sweep({"t": np.cumsum(np.r_[np.ones(50), 1.008]), "volt": u[:51], "y": y[:51]}, "volt", ["y"]).fs < 1
 
 
 @pytest.mark.parametrize(
@@ -94,6 +99,7 @@ def test_arguments_that_make_no_sense_are_told():
         (lambda: drift([], []), "at least three"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("E", "in_plane_load")), "at most as many"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("colour",)), "colour"),
+        (lambda: drift([Resonance(1.0, 1.0, 1.0, 1.0, u, u, u, 9)] * 2, [1.0, 2.0]), "2 sweeps"),
     ):
         with pytest.raises(BadValue, match=match):
             ask()
@@ -103,3 +109,7 @@ def test_a_drift_is_followed():
     found = [identify(*sweep(f0=f), FS) for f in (160.0, 158.0, 157.0)]
     line = drift(found, [20.0, 21.0, 21.5])
     assert line.slope == pytest.approx(-2.0, abs=1e-3) and line(20.5) == pytest.approx(159.0, abs=1e-3)
+    f, sd, T, one = [160.0, 158.1, 157.0, 155.0], [0.1, 0.3, 0.1, 0.6], np.array([20.0, 21.0, 22.0, 24.0]), np.ones(1)
+    line = drift([Resonance(a, 10.0, b, 0.1, one, one, one, 99) for a, b in zip(f, sd, strict=True)], T)
+    (slope, level), cov = np.polyfit(T - line.at, f, 1, w=1 / np.array(sd), cov="unscaled")
+    np.testing.assert_allclose([line.slope, line.freq, line.slope_sd, line.freq_sd], [slope, level, *np.sqrt(np.diag(cov))])

@@ -106,6 +106,9 @@ def test_a_patch_is_a_moment_along_its_edges():
     # a thin sheet without covers: e31 times half of both thicknesses, less what its own stiffness moves the neutral plane
     sheet = Patch(0.1, 0.07, 0.02, 0.02, -180e-12, 1e-6)
     assert sheet.moment(plate) == pytest.approx(180e-12 * 62e9 / 0.66 * 0.7e-3, rel=3e-3)
+    assert replace(plate, patches=(sheet,), terms=6).modes(1)[0] == pytest.approx(
+        replace(plate, patches=(), terms=6).modes(1)[0], rel=2e-3
+    )
     assert patch.moment(plate) < 0 < Patch.duraact(0.03, 0.05).moment(plate)
 
 
@@ -154,6 +157,7 @@ def test_what_makes_no_plate_is_told(more, match):
 
 def test_what_cannot_be_asked_of_a_plate_is_told():
     plate = Plate.paper()
+    assert len(best_patches(plate, points=2, gap=0.028)) == 8  # 73 mm of 73.5 across
     for ask, match in (
         (lambda: replace(plate, in_plane_load=-1e5).modes(), "buckles"),
         (lambda: plate.modes(100), "ask for 1 to 36"),
@@ -163,6 +167,10 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: plate.frequencies()({"clamp_stiffness": 1.0}), "needs a plate that has one"),
         (lambda: Patch(0.1, 0.1, 0.0, 0.01, -1e-10, 1e-4), "length = 0.0"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, side=0), "upper side"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, cover_nu=-1.1), "Poisson"),
+        (lambda: best_patches(plate, points=2, gap=0.029), "do not fit"),  # 74 mm of 73.5 across
+        (lambda: best_patches(replace(plate, length=0.14), points=2, gap=0.028), "do not fit"),  # 72 mm of 70 along
     ):
         with pytest.raises(BadValue, match=match):
             ask()

@@ -13,7 +13,7 @@ from stimlib import Input, Scene
 from stimlib.blocks import amplifier, equalize, mode, mode_shape, pole_swap
 from stimlib.errors import BadValue, UnitError
 from stimlib.motion.recorded import recording
-from stimlib.plate import Finger, Plate, best_gain, envelope_behind, mode_fit, plate
+from stimlib.plate import Finger, Plate, best_gain, envelope_behind, half_sine, mode_fit, plate
 
 GLASS = replace(Plate.paper(measured=True), terms=12)
 FS = 8000
@@ -145,6 +145,9 @@ def test_the_swap_gives_back_the_depth_of_modulation_at_its_price():
     assert 0.39 < before.depth < 0.41 and before.drive == pytest.approx(1.0)
     assert after.depth >= 0.85 and after.drive == pytest.approx(2.0, abs=0.05)
     assert envelope_behind(158.0, 10.0, 90.0, 4).depth > 3.5 * envelope_behind(158.0, 10.0, 90.0).depth
+    np.testing.assert_allclose(envelope_behind(0.5, 10.0, 0.5 * 20 / 158, 4)[:4], after[:4])  # it goes by rate over frequency
+    half = envelope_behind(158.0, 10.0, 20.0, 4, lambda u: 0.5 * half_sine(u))
+    np.testing.assert_allclose(half[:4], after[:4])
     gain = best_gain(158.0, 10.0, 45.0, 1.8)
     assert envelope_behind(158.0, 10.0, 45.0, gain).drive == pytest.approx(1.8, rel=1e-6)
 
