@@ -125,11 +125,13 @@ def record_sweep(
     158.0 Hz, q = 10.0
     """
     amplitude = full_scale if amplitude is None else amplitude
-    if not 0 < amplitude <= full_scale:
+    if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
         raise BadValue(f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale = {full_scale!r} V")
     if not rest > 0:
         raise BadValue(f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep")
-    places = [None] if points is None else list(points)
+    if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
+        raise BadValue(f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels = {channels!r} have the drive")
+    places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
         raise BadValue(f"record_sweep: {len(places)} points; give at least one, and ready=, which asks for each of several")
     inputs = {"response": response} | ({} if drive is None else {"voltage": drive})

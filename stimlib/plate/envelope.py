@@ -71,7 +71,7 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     1 0.4 1.0
     4 0.87 2.0
     """
-    if not (freq > 0 and q > 0.5 and rate > 0):
+    if not (0 < freq < math.inf and 0.5 < q < math.inf and 0 < rate < math.inf):
         raise BadValue(f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r} above 0.5")
     if not 1 <= gain < 2 * q:
         raise BadValue(f"envelope_behind: gain = {gain!r} must be from 1 to below 2 q = {2 * q:g}")

@@ -60,9 +60,13 @@ def fit_frame(
     from scipy.optimize import least_squares
 
     unknown = set(vary) - set(NUMBERS)
-    if unknown or not 0 < len(vary) <= len(measured):
+    if unknown or len(set(vary)) < len(vary) or not 0 < len(vary) <= len(measured):
         raise BadValue(
             f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as many of {', '.join(NUMBERS)}"
+        )
+    if "clamp_stiffness" in vary and model.clamp_stiffness is None:
+        raise BadValue(
+            "fit_frame: the edges of this plate cannot turn; give it a clamp_stiffness to start from, such as 20 D/length"
         )
     order = sorted(measured)
     want = np.array([measured[k] for k in order], float)

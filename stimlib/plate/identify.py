@@ -175,6 +175,10 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     (True, True, np.True_)
     """
     u, y = _signals(drive, response)
+    if not 0 < fs < math.inf or not (band is None or (len(band) == 2 and 0 <= band[0] < band[1])):
+        raise BadValue(
+            f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz, the lower one first"
+        )
     if quantity not in QUANTITIES:
         raise BadValue(f"identify: quantity = {quantity!r}; choose one of {', '.join(QUANTITIES)}")
     check_taken(u, y)
@@ -235,10 +239,11 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
 
 def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
     try:
-        u, y = (np.atleast_2d(np.asarray(v, float)) for v in (drive, response))
+        u, y = (np.atleast_2d(np.asarray(v)) for v in (drive, response))
+        u, y = (v.astype(float, casting="same_kind") for v in (u, y))
     except (TypeError, ValueError):
         raise BadValue("identify: drive and response must be rows of numbers") from None
-    if u.ndim != 2 or y.ndim != 2 or u.shape[1] != y.shape[1] or len(u) not in (1, len(y)):
+    if not u.size or u.ndim != 2 or y.ndim != 2 or u.shape[1] != y.shape[1] or len(u) not in (1, len(y)):
         raise BadValue(
             f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one drive or one for each"
         )
@@ -405,7 +410,10 @@ def drift(found: Sequence[Resonance], temperature) -> Drift:
     >>> round(line.slope, 6), round(line(20.5), 6)
     (-2.0, 159.0)
     """
-    T, f = np.asarray(temperature, float), np.array([r.freq for r in found])
+    try:
+        T, f = np.asarray(temperature, float), np.array([r.freq for r in found])
+    except (TypeError, ValueError):
+        raise BadValue(f"drift: temperatures {temperature!r:.60} must be numbers") from None
     w = 1 / np.maximum([r.freq_sd for r in found], 1e-9 * f) ** 2
     if T.shape != f.shape or f.size < 3 or not np.ptp(T) > 0:
         raise BadValue(f"drift: {f.size} sweeps at temperatures {T.tolist()!r:.60}; measure at least three, at two temperatures")

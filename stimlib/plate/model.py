@@ -78,6 +78,8 @@ class Plate:
     terms: int | None = None
 
     def __post_init__(self):
+        if not isinstance(self.patches, (tuple, list)):
+            raise BadValue(f"Plate: patches = {self.patches!r:.80} must be a sequence of Patch objects")
         object.__setattr__(self, "patches", tuple(self.patches))
         self._check_numbers()
         self._check_edges()
@@ -202,7 +204,7 @@ class Plate:
         from scipy.linalg import eigh
 
         most = self.axes[0].terms ** 2 // 4
-        if not 0 < n <= most:
+        if not isinstance(n, (int, np.integer)) or not 0 < n <= most:
             raise BadValue(f"Plate: {n} modes of {self.axes[0].terms} terms; ask for 1 to {most}, or raise terms")
         size = max(n, min(AT_ONCE, most))
         if size not in self._solved:

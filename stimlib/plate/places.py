@@ -65,6 +65,8 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
     patch = patch or Patch.duraact(0.0, 0.0)
     if not isinstance(points, int) or points < 2:
         raise BadValue(f"best_patches: points = {points!r} must be 2 or more")
+    if not gap >= 0:
+        raise BadValue(f"best_patches: gap = {gap!r} m must be 0 or above")
     c = bare.solved(mode + 1)[1][mode]
     middle = float(bare.shape(mode, bare.length / 2, bare.width / 2)) / bare.solved(mode + 1)[0][mode]
     X, Y = bare.axes

@@ -13,6 +13,7 @@ from .model import Plate
 KAPPAS = np.geomspace(2.0, 200.0, 9)
 FINE = 65  # places of the table
 SHIFT = 0.02  # m; how far a ruler may be laid wrong
+LEAST = 1e-3  # of the middle's displacement
 FAR = 0.2  # of a knot: this is another shape
 
 Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -67,6 +68,8 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
     if not 0 <= y <= model.width:
         raise BadValue(f"mode_fit: y = {y!r} m lies beside the plate, which is {model.width:g} m wide")
+    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(model.shape(0, model.length / 2, model.width / 2)):
+        raise BadValue(f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along another line")
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])
     along = np.linspace(0, model.length, 121)
     bare = replace(model, patches=(), terms=None)
@@ -88,8 +91,10 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
                 f"mode_fit: {knots.size} knots cannot tell amplitude, middle{' and clamp' if fitted else ''} from noise; measure "
                 f"at least {least} places" + (", or 3 with clamp='known'" if fitted else "")
             )
+        if not (np.isfinite(d).all() and (d > 0).all() and (np.diff(knots) > 0).all()):
+            raise BadValue("mode_fit: knots must rise, and displacements be numbers above 0; measure those that are not again")
         at = knots + origin
-        if at[0] < SHIFT or at[-1] > model.length - SHIFT:
+        if not (at[0] >= SHIFT and at[-1] <= model.length - SHIFT):
             raise BadValue(
                 f"mode_fit: knots from {at[0]:g} to {at[-1]:g} m of a plate of {model.length:g} m; measure at least {SHIFT:g} m "
                 "from the edges, and give origin=, where on the plate position 0 is"

@@ -75,6 +75,8 @@ def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
         ({"points": np.zeros((2, 2))}, "2 points"),
         ({"points": []}, "0 points"),
         ({"rest": 0.0}, "rest"),
+        ({"channels": [None]}, "have the drive"),
+        ({"band": (60.0,)}, "two frequencies"),
         ({"band": (60.0, 1500.0)}, "below"),
     ):
         with pytest.raises(BadValue, match=match):

@@ -148,6 +148,7 @@ def test_gradients_are_those_of_differences():
         ({"patches": (Patch.duraact(0.002, 0.05),)}, "hangs over the edge"),
         ({"patches": (Patch.duraact(0.05, 0.05), Patch.duraact(0.06, 0.05))}, "lie on each other"),
         ({"terms": 3}, "from 4 to 40"),
+        ({"patches": None}, "sequence of Patch"),
     ],
 )
 def test_what_makes_no_plate_is_told(more, match):
@@ -161,6 +162,8 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
     for ask, match in (
         (lambda: replace(plate, in_plane_load=-1e5).modes(), "buckles"),
         (lambda: plate.modes(100), "ask for 1 to 36"),
+        (lambda: plate.modes(1.5), "ask for 1 to 36"),
+        (lambda: best_patches(plate, gap=-1e-3), "gap"),
         (lambda: plate.shape(0, 0.3, 0.1), "beside the plate"),
         (lambda: plate.forces(2), "no patches"),
         (lambda: Plate.paper("both"), "all, long, short"),

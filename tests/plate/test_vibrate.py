@@ -133,6 +133,10 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
         (lambda: fit(KNOTS[:3], truth(KNOTS[:3])), "3 knots cannot tell"),
         (lambda: mode_fit(model, origin=0.12)(KNOTS, truth(KNOTS)), "from the edges"),
         (lambda: fit(KNOTS, truth(KNOTS) * [1, 1, 0.4, 1, 1]), "knot 2"),
+        (lambda: fit(KNOTS, truth(KNOTS) * [1, 1, 0, 1, 1]), "above 0"),
+        (lambda: fit(0 * KNOTS, truth(KNOTS)), "must rise"),
+        (lambda: mode_fit(model, origin=np.nan)(KNOTS, truth(KNOTS)), "from the edges"),
+        (lambda: mode_fit(replace(model, edges="CCCC", clamp_stiffness=None), y=0.0), "nothing moves"),
         (lambda: mode_fit(model, clamp="free"), "fit or known"),
         (lambda: mode_fit(model, y=1.0), "beside the plate"),
     ):
@@ -180,6 +184,7 @@ def test_drives_that_make_no_sense_are_told():
         (lambda: plate(X, Y, V, GLASS, modes=17), BadValue, "the patches move"),
         (lambda: Finger(mass=-1.0), BadValue, "mass"),
         (lambda: envelope_behind(158.0, 10.0, 0.0), BadValue, "above 0"),
+        (lambda: envelope_behind(158.0, np.inf, 20.0), BadValue, "above 0"),
         (lambda: best_gain(158.0, 10.0, 20.0, 0.5), BadValue, "1 or above"),
     ):
         with pytest.raises(error, match=match):
