@@ -35,7 +35,7 @@ from stimlib.blocks.relaxation import MaxwellArms
 from stimlib.blocks.tracking import Track
 from stimlib.checks.power import KINDS, Shows
 from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid
-from stimlib.scenes import SHIPPED, bumps, squeeze, viscoelastic
+from stimlib.scenes import SHIPPED, bumps, soft_surface, squeeze, viscoelastic
 from stimlib.speed.timing import machine
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
@@ -167,8 +167,11 @@ PUSHED = {
     "friction": {"x": sinusoid(0.02, 2.0)},
     "wall": {"x": sinusoid(2e-3, 5.0)},
     "impact": {"x": sinusoid(5e-3, 3.0)},
+    "touch_screen": {"x": sinusoid(0.05, 1.0, 0.05)},
+    "soft_surface": {"x": sinusoid(0.04, 0.7, 0.06), "y": sinusoid(0.03, 0.9, 0.05)},
 }
 """What each scene is asked with."""
+LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}  # with a pen nothing of it is a parameter
 
 
 # How small --------------------------------------------------------------------------------------------------------------
@@ -236,7 +239,7 @@ def computed() -> Iterator[Row]:
 def asked() -> Iterator[Row]:
     """The law of every scene, told other numbers than those of a correct rendering."""
     for name, motion in PUSHED.items():
-        for s in verified(SHIPPED[name](), motion, ASKED).certainty():
+        for s in verified(LIVE[name](), motion, ASKED).certainty():
             if s.check == "law of the scene":
                 yield told(s._replace(check=f"law of {name}"), ASKED, "asked", {})
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -55,6 +56,8 @@ class Problem(NamedTuple):
     """Of one job."""
     methods: Callable[[], list[Method]]
     """Those that are installed."""
+    per: str = "a sample"
+    """What a time is for, as on the axis."""
 
 
 class Point(NamedTuple):
@@ -66,7 +69,7 @@ class Point(NamedTuple):
     error: float
     """nan where it failed."""
     ns: float
-    """For each sample; the median."""
+    """Of the processor's time, for each sample; the median."""
     failed: str = ""
 
 
@@ -95,7 +98,7 @@ def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point
     methods = problem.methods()
     found = [_error(m) for m in methods]
     sound = {k: m.job for k, m in enumerate(methods) if not found[k][1]}
-    took = medians(interleaved({str(k): job for k, job in sound.items()}, rounds, 1)) if timed else {}
+    took = medians(interleaved({str(k): job for k, job in sound.items()}, rounds, 1, time.process_time)) if timed else {}
     return [
         Point(problem.name, m.family, m.knob, error, took.get(str(k), math.nan) / problem.samples * 1e9, failed)
         for k, (m, (error, failed)) in enumerate(zip(methods, found, strict=True))
@@ -116,10 +119,11 @@ Ladder = tuple[Iterable[Any], Callable[[Any], Signal]]
 """Values of a knob, and what makes a method of one."""
 
 
-def own(block: Callable[[Block, Any], Block], fs: float, unit: str = "", dtype: str = "") -> Callable[[Any], Signal]:
-    """Make methods of a block of one input and a knob: functions of whole signals, from sample 0 each time.
+def own(block: Callable[..., Block], fs: float, units: str | tuple[str, ...] = "", dtype: str = "") -> Callable[[Any], Signal]:
+    """Make methods of a block of inputs and a knob: functions of whole signals, from sample 0 each time.
 
-    With dtype "float64" or "float32" they run on JAX.
+    units is that of the one input, or those of several, whose signals are then rows, shape (inputs, n); with none of them, a
+    signal says only how long to run.  With dtype "float64" or "float32" they run on JAX.
 
     Examples
     --------
@@ -127,21 +131,38 @@ def own(block: Callable[[Block, Any], Block], fs: float, unit: str = "", dtype: 
     >>> from stimlib.speed.precision import own
     >>> own(lambda x, k: k * x, 8000.0)(3.0)(np.ones(2))
     array([3., 3.])
+    >>> own(lambda x, y, k: x + k * y, 8000.0, ("m", "m"))(3.0)(np.ones((2, 2)))
+    array([4., 4.])
     """
+    inputs = [Input(f"x{k}", u) for k, u in enumerate((units,) if isinstance(units, str) else units)]
 
     def make(knob: Any) -> Signal:
-        scene = Scene({"y": block(Input("x", unit), knob)})
+        scene = Scene({"y": block(*inputs, knob)})
         if dtype:
             return _jax(scene, fs, dtype)
         proc = compile(scene, fs)
+        assert list(proc.inputs) == [x.name for x in inputs]
 
         def run(x: np.ndarray) -> np.ndarray:
             proc.reset()
-            return proc.process(x[None])[0]
+            return proc.process(np.atleast_2d(x)[: len(inputs)])[0]
 
         return run
 
     return make
+
+
+def always(f: Signal) -> Callable[[Any], Signal]:
+    """Make methods of one that no knob changes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.speed.precision import always
+    >>> always(np.negative)("any knob")(np.ones(2))
+    array([-1., -1.])
+    """
+    return lambda _: f
 
 
 def _jax(scene: Scene, fs: float, dtype: str) -> Signal:
@@ -152,7 +173,7 @@ def _jax(scene: Scene, fs: float, dtype: str) -> Signal:
 
     def run(x: np.ndarray) -> np.ndarray:
         with jax.enable_x64(True):
-            return np.asarray(inner(x[None]), float)
+            return np.asarray(inner(np.atleast_2d(x)), float)
 
     return run
 
@@ -313,6 +334,26 @@ def record(points: list[Point], path: str | os.PathLike) -> None:
         out.writerows(points)
 
 
+def recorded(folder: str | os.PathLike) -> list[Point]:
+    """Read what ``regenerate`` left of all problems in a folder.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from stimlib.speed.precision import Point, record, recorded
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> record([Point("pink", "ours", "1e-3", 1e-4, 2.0)], folder / "pink.csv")
+    >>> recorded(folder)
+    [Point(problem='pink', family='ours', knob='1e-3', error=0.0001, ns=2.0, failed='')]
+    """
+    rows = []
+    for p in problems():
+        path = Path(folder) / f"{p.name}.csv"
+        if path.exists():
+            rows += csv.DictReader(path.read_text().splitlines()[1:])
+    return [Point(r["problem"], r["family"], r["knob"], float(r["error"]), float(r["ns"]), r["failed"]) for r in rows]
+
+
 def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> None:
     """Draw a problem: error on x, time for a sample on y, both logarithmic; a family is a line, what failed is at the right.
 
@@ -349,7 +390,8 @@ def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> N
         for p in points:
             if p.family == name and p.failed:
                 ax.plot([0.98], [0.05 + 0.07 * k], "x", color=style["color"], transform=ax.transAxes)
-    ax.set(xscale="log", yscale="log", xlabel=problem.error, ylabel="ns a sample", title=problem.title)
+    ax.set(xscale="log", yscale="log", xlabel=problem.error, ylabel=f"ns {problem.per}")
+    ax.set_title(problem.title, loc="left", fontsize=10)
     ax.grid(alpha=0.3)
     fig.legend(loc="outside right upper", fontsize=7, frameon=False)
     fig.supxlabel(machine(), fontsize=5, color="0.4")

@@ -116,6 +116,10 @@ def test_a_number_that_the_law_refuses_is_a_fault_that_it_sees():
         assert ASKED[asked] == pytest.approx(float(SEARCHED[searched]["size"]), rel=0.1), asked
 
 
+def test_the_law_of_every_scene_was_asked():
+    assert {name.split(",")[0].removeprefix("law of ") for name in ASKED} == stimlib.scenes.SHIPPED.keys()
+
+
 # What a report says of its own recording ---------------------------------------------------------------------------------
 def test_what_a_report_excludes_is_what_the_table_says():
     scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}

@@ -243,6 +243,10 @@ SCENES = {
     "viscoelastic": stimlib.scenes.viscoelastic(0.3),
     "bumps, square": stimlib.scenes.bumps("square", 18),
     "bumps, sine": stimlib.scenes.bumps("sine", 18, duty=0.8),
+    "grating": stimlib.scenes.grating(),
+    "friction": stimlib.scenes.friction(),
+    "touch_screen": stimlib.scenes.touch_screen(finger=True),
+    "soft_surface": stimlib.scenes.soft_surface(),
 }
 
 

@@ -1,5 +1,6 @@
 """The problems that run time is held against error on."""
 
-from . import filters, hand, materials, noise, surface
+from . import events, filters, friction, hand, materials, noise, places, series, sources, surface
 
-ALL = (*noise.PROBLEMS, *filters.PROBLEMS, *materials.PROBLEMS, *surface.PROBLEMS, *hand.PROBLEMS)
+ROOMS = noise, filters, sources, events, materials, series, surface, places, friction, hand
+ALL = tuple(problem for module in ROOMS for problem in module.PROBLEMS)

@@ -1,14 +1,15 @@
-"""A low-pass far below the sample rate: against its poles in closed form, in long double."""
+"""Filters far below the sample rate, against poles in closed form in long double; one that moves, against its equation."""
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
-from scipy import signal
+from scipy import integrate, signal
 
-from ...blocks import lowpass
-from ..precision import Method, Problem, Signal, on, own, response
+from ...blocks import bandpass, lowpass, svf
+from ...core.graph import Block
+from ..precision import Method, Problem, Signal, always, apart, on, own, response
 
 FS, SAMPLES, ORDER = 8000.0, 1 << 16, 4
 LONG = 1 << 18  # of an impulse response, of a cutoff of 1e-4 fs
@@ -54,8 +55,125 @@ def low_passes() -> list[Method]:
     return found
 
 
+# A band-pass with ripples --------------------------------------------------------------------------------------------
+RIPPLE, WIDE = 1.0, 1.25  # dB, and the middle over the lower edge
+
+
+def chebyshev(edges: tuple[float, float]) -> np.ndarray:
+    """H at the bins of an impulse response: poles on an ellipse, and (s^2 + low high)/(s (high - low)) for s."""
+    pi = 4 * np.arctan(LD(1))
+    low, high = (np.tan(pi * LD(f) / LD(FS)) for f in edges)
+    epsilon = np.sqrt(LD(10) ** (LD(RIPPLE) / 10) - 1)
+    a, angle = np.arcsinh(1 / epsilon) / ORDER, pi * (2 * np.arange(ORDER, dtype=LD) + 1) / (2 * ORDER)
+    poles = -np.sinh(a) * np.sin(angle) + 1j * np.cosh(a) * np.cos(angle)
+    s = 1j * np.tan(pi * np.arange(1, LONG // 2, dtype=LD) / LONG)
+    s = (s * s + low * high) / (s * (high - low))
+    top = np.prod(-poles) / np.sqrt(1 + epsilon * epsilon)  # an even order begins in a valley
+    return np.r_[0.0, (top / np.prod([s - p for p in poles], axis=0)).astype(complex)]
+
+
+def wide_bandpass(edges: tuple[float, float], x: Block, _: float) -> Block:
+    return bandpass(x, *edges, ORDER, "chebyshev1", RIPPLE)
+
+
+def short(sos: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return signal.sosfilt(sos, x.astype(np.float32))
+
+
+def band_error(wanted: np.ndarray, f: Signal) -> float:
+    return float(np.abs(response(f, LONG)[:-1] - wanted).max())
+
+
+def band_passes() -> list[Method]:
+    found = []
+    for part in (1e-1, 1e-2, 1e-3):
+        middle = part * FS
+        edges = middle / WIDE, middle * WIDE
+        wanted = chebyshev(edges)
+        sos, ba = (signal.cheby1(ORDER, RIPPLE, edges, "bandpass", output=kind, fs=FS) for kind in ("sos", "ba"))
+        ladders = {
+            "stimlib bandpass, middle Hz": ([middle], own(partial(wide_bandpass, edges), FS)),
+            "scipy cheby1 in sosfilt, middle Hz": ([middle], always(partial(signal.sosfilt, sos))),
+            "scipy cheby1 in sosfilt, float32, middle Hz": ([middle], always(partial(short, sos.astype(np.float32)))),
+            "scipy cheby1 in lfilter, middle Hz": ([middle], always(partial(signal.lfilter, *ba))),
+        }
+        found += on(X, partial(band_error, wanted), ladders)
+    return found
+
+
+# A cutoff that moves -------------------------------------------------------------------------------------------------
+SECONDS, Q, TONE = 0.25, 3.0, 250.0
+
+
+def cutoff(t):
+    """From 100 Hz to 900 Hz and back, four times a second."""
+    return 300.0 * 3.0 ** -np.cos(2 * np.pi * 4.0 * t)
+
+
+def tone(t):
+    return np.sin(2 * np.pi * TONE * t)
+
+
+@cache
+def swept() -> integrate.OdeSolution:
+    """Of the analogue filter: band' = w (x - band/q - low), low' = w band."""
+
+    def slope(t: float, y: np.ndarray) -> tuple[float, float]:
+        w = 2 * np.pi * cutoff(t)
+        return w * (tone(t) - y[0] / Q - y[1]), w * y[0]
+
+    return integrate.solve_ivp(slope, (0.0, SECONDS), [0.0, 0.0], "DOP853", rtol=1e-11, atol=1e-13, dense_output=True).sol
+
+
+def renewed(every: int, fs: float) -> Signal:
+    """A biquad of scipy (bilinear), whose coefficients are those of the first of so many samples."""
+
+    def run(rows: np.ndarray) -> np.ndarray:
+        x, f = rows
+        g = np.tan(np.pi * f[::every] / fs)
+        top, bottom = g * g, np.array([1 + g / Q + g * g, 2 * (g * g - 1), 1 - g / Q + g * g])
+        b, a = np.array([top, 2 * top, top]) / bottom[0], bottom / bottom[0]
+        y, zi = np.empty(x.size), np.zeros(2)
+        for k in range(g.size):
+            at = slice(k * every, (k + 1) * every)
+            y[at], zi = signal.lfilter(b[:, k], a[:, k], x[at], zi=zi)
+        return y
+
+    return run
+
+
+def swept_at(fs: float) -> list[Method]:
+    t = np.arange(int(SECONDS * fs)) / fs
+    rows, wanted = np.array([tone(t), cutoff(t)]), swept()(t)[1]
+    ladders = {
+        "stimlib svf, fs": ([fs], own(lambda x, f, _: svf(x, f, Q), fs, ("", "Hz"))),
+        "biquad in scipy lfilter, renewed at every sample, fs": ([fs], lambda fs: renewed(1, fs)),
+        "biquad in scipy lfilter, renewed every 32 samples, fs": ([fs], lambda fs: renewed(32, fs)),
+    }
+    return on(rows, lambda f: apart(f(rows), wanted), ladders)
+
+
+def moving() -> list[Method]:
+    return [m for fs in (4000.0, 8000.0, 16000.0, 32000.0) for m in swept_at(fs)]
+
+
 PROBLEMS = (
     Problem(
         "lowpass", "Butterworth low-pass of order 4, 0.8 to 800 Hz at 8 kHz", "largest error of the response", SAMPLES, low_passes
+    ),
+    Problem(
+        "bandpass",
+        "Chebyshev's band-pass of order 4, 8 to 800 Hz at 8 kHz",
+        "largest error of the response",
+        SAMPLES,
+        band_passes,
+    ),
+    Problem(
+        "svf",
+        "a resonant low-pass from 100 to 900 Hz and back",
+        "largest error to the analogue filter",
+        int(SECONDS * 1000),
+        moving,
+        "a millisecond",
     ),
 )

@@ -196,9 +196,10 @@ PROBLEMS = (
     ),  # fmt: skip
     Problem(
         "arm",
-        "Maxwell arm, tau = 20 ms, pressed at 1 Hz; time for a millisecond of motion",
+        "Maxwell arm, tau = 20 ms, pressed at 1 Hz",
         "largest error to the force in continuous time, of its maximum",
         N,
         arms,
+        "a millisecond",
     ),  # fmt: skip
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy import interpolate
 
@@ -50,14 +52,14 @@ def envelope(u: np.ndarray) -> np.ndarray:
     return np.where(w < DUTY, (np.cos(2 * np.pi * (w - DUTY / 2)) - top) / (1 - top), 0.0)
 
 
-def oversampled(n: int) -> Signal:
+def averaged(f: Signal, n: int) -> Signal:
     """The mean of n points along a straight line from sample to sample."""
     part = (np.arange(n) + 0.5) / n
 
     def run(u: np.ndarray) -> np.ndarray:
         last = np.r_[u[0], u[:-1]]
         parts = [slice(k, k + CHUNK) for k in range(0, u.size, CHUNK)]
-        return np.concatenate([envelope(last[k, None] + (u[k] - last[k])[:, None] * part).mean(axis=1) for k in parts])
+        return np.concatenate([f(last[k, None] + (u[k] - last[k])[:, None] * part).mean(axis=1) for k in parts])
 
     return run
 
@@ -77,7 +79,7 @@ def bumps() -> list[Method]:
         "stimlib bump, point": ([DUTY], ours("point")),
         "stimlib on JAX, float64": ([DUTY], ours(dtype="float64")),
         "stimlib on JAX, float32": ([DUTY], ours(dtype="float32")),
-        "numpy, mean of so many points": ([1, 4, 16, 64], oversampled),
+        "numpy, mean of so many points": ([1, 4, 16, 64], partial(averaged, envelope)),
     })  # fmt: skip
 
 

@@ -1,0 +1,190 @@
+"""What happens at an event: decaying sinusoids, recorded transients, bursts and envelopes, against formulas in long double."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from ...blocks import burst, envelope, grain, ring
+from ...core.graph import Block
+from ..precision import Ladder, Method, Problem, Signal, always, apart, on, own
+
+FS, SAMPLES = 8000.0, 1 << 15
+LD = np.longdouble
+PI = 4 * np.arctan(LD(1))
+AT = np.arange(1, 8) * 4001 + 17
+EVENTS = np.zeros(SAMPLES)
+EVENTS[AT] = 1.0 + 0.25 * np.arange(AT.size)
+RATES = 1000.0, 2000.0, 4000.0, 8000.0, 16000.0
+
+
+def at_each(table: np.ndarray) -> Signal:
+    """A table added from each event on, as far as the signal goes."""
+
+    def run(x: np.ndarray) -> np.ndarray:
+        y = np.zeros(x.size + table.size)
+        for k in np.flatnonzero(x):
+            y[k : k + table.size] += x[k] * table
+        return y[: x.size]
+
+    return run
+
+
+def summed(table: np.ndarray) -> np.ndarray:
+    """The same of EVENTS, in long double."""
+    y = np.zeros(SAMPLES + table.size, LD)
+    for k in AT:
+        y[k : k + table.size] += LD(EVENTS[k]) * table
+    return y[:SAMPLES].astype(float)
+
+
+def error(wanted: np.ndarray, f: Signal) -> float:
+    return apart(f(EVENTS), wanted)
+
+
+# A decaying sinusoid -------------------------------------------------------------------------------------------------
+def decaying(freq: float, decay: float) -> np.ndarray:
+    t = np.arange(SAMPLES, dtype=LD) / LD(FS)
+    return np.exp(-t / LD(decay)) * np.sin(2 * PI * LD(freq) * t)
+
+
+def two_poles(decay: float, kind: Any, freq: float) -> Signal:
+    """The same poles in direct form."""
+    rho, w = np.exp(-1 / (decay * FS)), 2 * np.pi * freq / FS
+    b, a = np.array([0.0, rho * np.sin(w)], kind), np.array([1.0, -2 * rho * np.cos(w), rho * rho], kind)
+    return lambda x: signal.lfilter(b, a, x.astype(kind))
+
+
+def rings() -> list[Method]:
+    """Each rings for ten periods."""
+    found = []
+    for freq in (1000.0, 100.0, 10.0, 1.0):
+        decay = 10 / freq
+        shape = decaying(freq, decay)
+        wanted = summed(shape)
+        ladders: dict[str, Ladder] = {
+            "stimlib ring, Hz": ([freq], own(lambda x, freq: ring(x, freq, 10 / freq), FS)),
+            "two poles in scipy lfilter, Hz": ([freq], partial(two_poles, decay, float)),
+            "two poles in scipy lfilter, float32, Hz": ([freq], partial(two_poles, decay, np.float32)),
+            "numpy, a table at each event, Hz": ([freq], always(at_each(shape.astype(float)))),
+        }
+        found += on(EVENTS, partial(error, wanted), ladders)
+    return found
+
+
+# A recorded transient ------------------------------------------------------------------------------------------------
+def grains_of(shape: np.ndarray, event: Block, _: int) -> Block:
+    return grain(event, shape, FS)
+
+
+def convolved(shape: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return signal.oaconvolve(x, shape)[: x.size]
+
+
+def grains() -> list[Method]:
+    found = []
+    for n in (64, 512, 4096):
+        shape = np.random.default_rng(n).standard_normal(n) * np.hanning(n)
+        wanted = summed(shape.astype(LD))
+        ladders: dict[str, Ladder] = {
+            "stimlib grain, samples": ([n], own(partial(grains_of, shape), FS)),
+            "scipy lfilter, samples": ([n], always(partial(signal.lfilter, shape, [1.0]))),
+            "oaconvolve, whole file, samples": ([n], always(partial(convolved, shape))),
+            "numpy, a table at each event, samples": ([n], always(at_each(shape))),
+        }
+        found += on(EVENTS, partial(error, wanted), ladders)
+    return found
+
+
+# What opens and closes -----------------------------------------------------------------------------------------------
+SECONDS, BURST, RAMP = 1.0, 0.3003, 0.0507  # s: no whole samples at any rate
+ATTACK, DECAY, SUSTAIN, RELEASE = 0.0207, 0.05, 0.5, 0.1
+OPEN, CLOSE = 0.25, 0.75
+
+
+def raised(t: np.ndarray) -> np.ndarray:
+    """A burst, t after it began."""
+    edge = np.clip(np.minimum(t, LD(BURST) - t) / LD(RAMP), 0, 1)
+    return (np.sin(PI / 2 * edge) ** 2).astype(float)
+
+
+def bursts_at(fs: float) -> list[Method]:
+    n, first = int(SECONDS * fs), int(OPEN * fs)
+    x = np.zeros(n)
+    x[first] = 1.0
+    wanted = raised((np.arange(n) - first + LD(0.5)) / LD(fs))
+    length = round(BURST * fs)
+    lean = np.minimum((np.arange(length) + 0.5) / RAMP / fs, 1)  # up, and read backwards down
+
+    ladders = {
+        "stimlib burst, fs": ([fs], own(lambda x, _: burst(x, BURST, RAMP), fs)),
+        "scipy tukey at each event, fs": ([fs], always(at_each(signal.windows.tukey(length, 2 * RAMP / BURST)))),
+        "straight ramps by numpy, fs": ([fs], always(at_each(np.minimum(lean, lean[::-1])))),
+    }
+    return on(x, lambda f: apart(f(x), wanted), ladders)
+
+
+def adsr(t: np.ndarray) -> np.ndarray:
+    """From the opening on; CLOSE - OPEN later it falls."""
+    top = 1 / -np.expm1(LD(-1.5))  # an attack of 1.5 time constants
+    gate, attack = LD(CLOSE) - LD(OPEN), LD(ATTACK)
+
+    def held(t):
+        late = SUSTAIN + (1 - LD(SUSTAIN)) * np.exp(-(t - attack) / LD(DECAY))
+        return np.where(t < attack, -top * np.expm1(-1.5 * t / attack), late)
+
+    t = np.maximum(t, 0)
+    return np.where(t < gate, held(t), held(gate) * np.exp(-(t - gate) / LD(RELEASE))).astype(float)
+
+
+def staged(fs: float) -> Signal:
+    """Stage by stage, each a filter of one pole by Euler's rule."""
+    top = 1 / -np.expm1(-1.5)
+
+    def run(gate: np.ndarray) -> np.ndarray:
+        y, last = np.zeros(gate.size), 0.0
+        first, end = np.flatnonzero(np.diff(gate, prepend=0.0, append=0.0))[:2]
+        full = first + round(ATTACK * fs)
+        for a, b, tau, to in ((first, full, ATTACK / 1.5, top), (full, end, DECAY, SUSTAIN), (end, gate.size, RELEASE, 0.0)):
+            g = 1 / (tau * fs)
+            y[a:b], _ = signal.lfilter([g], [1.0, g - 1.0], np.full(b - a, to), zi=[(1.0 - g) * last])
+            last = y[b - 1]
+        return y
+
+    return run
+
+
+def envelopes_at(fs: float) -> list[Method]:
+    t = np.arange(int(SECONDS * fs)) / fs
+    x = ((t >= OPEN) & (t < CLOSE)).astype(float)
+    wanted = adsr((np.arange(t.size) + 1 - int(OPEN * fs)) / LD(fs))
+    corners = [OPEN, OPEN + ATTACK, OPEN + ATTACK + DECAY, CLOSE, CLOSE + RELEASE]
+    ladders = {
+        "stimlib envelope, fs": ([fs], own(lambda x, _: envelope(x, ATTACK, DECAY, SUSTAIN, RELEASE), fs)),
+        "Euler in scipy lfilter, stage by stage, fs": ([fs], staged),
+        "straight lines by numpy, fs": ([fs], always(lambda x: np.interp(t, corners, [0.0, 1.0, SUSTAIN, SUSTAIN, 0.0]))),
+    }
+    return on(x, lambda f: apart(f(x), wanted), ladders)
+
+
+def at_rates(make) -> list[Method]:
+    return [m for fs in RATES for m in make(fs)]
+
+
+FORMULA = "largest error to the formula in continuous time"
+PROBLEMS = (
+    Problem("ring", "decaying sinusoids of 1 Hz to 1 kHz at 8 kHz", "largest error, of the maximum", SAMPLES, rings),
+    Problem("grain", "a recorded transient at each of 7 events in 4 s", "largest error, of the maximum", SAMPLES, grains),
+    Problem("burst", "a burst of 300.3 ms with ramps", FORMULA, 1000, partial(at_rates, bursts_at), "a millisecond"),
+    Problem(
+        "envelope",
+        "attack, decay, sustain, release",
+        FORMULA,
+        1000,
+        partial(at_rates, envelopes_at),
+        "a millisecond",
+    ),
+)

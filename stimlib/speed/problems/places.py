@@ -1,0 +1,172 @@
+"""What is at a place under a moving finger: ribs, roughness, maps, measured textures.
+
+Against closed forms in long double, and against the same surfaces written again for the verifier.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy import interpolate, ndimage, signal
+
+from ...blocks import grating, lut2, spatial_noise, texture
+from ...checks import laws
+from ...checks.surfaces import gratings, roughness
+from ...core.graph import Input
+from ...design.texture import made_up
+from ..precision import Method, Problem, Signal, apart, on, own
+from .surface import averaged
+
+FS, SAMPLES = 8000.0, 1 << 14
+T = np.arange(SAMPLES) / FS
+X = 0.005 - 0.005 * np.cos(2 * np.pi * 1.7 * T + 0.1)  # m, up to 7 um a sample
+BEFORE = np.r_[X[:1], X[:-1]]
+
+# Ribs ----------------------------------------------------------------------------------------------------------------
+RIBS = np.array([(1e-3, 1.0, 0.0), (2e-5, 0.5, 1.0)])  # m, depth, rad: coarse, and up to 0.33 of fine ones in a sample
+
+
+def ribs(x: np.ndarray) -> np.ndarray:
+    return sum(depth * np.sin(2 * np.pi / wave * x + phase) for wave, depth, phase in RIBS)
+
+
+def over_ribs() -> list[Method]:
+    wanted = gratings(BEFORE, X, RIBS)
+
+    def ours(dtype: str = ""):
+        return own(lambda x, _: grating(x, RIBS), FS, "m", dtype)
+
+    return on(X, lambda f: apart(f(X)[1:], wanted[1:]), {
+        "stimlib grating": ([""], ours()),
+        "stimlib on JAX, float64": ([""], ours("float64")),
+        "points in numpy": ([""], lambda _: ribs),
+        "numpy, mean of so many points": ([2, 4, 16, 64], lambda n: averaged(ribs, n)),
+    })  # fmt: skip
+
+
+# Roughness -----------------------------------------------------------------------------------------------------------
+SHORTEST = 2e-5  # m
+
+
+def rough(x, _=None):
+    return spatial_noise(x, 1.0, seed=4, shortest=SHORTEST)
+
+
+@cache
+def known(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places and heights, so many in the shortest wavelength."""
+    at = np.arange(int(0.01 / SHORTEST * points) + 2) * SHORTEST / points
+    return at, roughness(at, at, rough(Input("x", "m")))
+
+
+def over_roughness() -> list[Method]:
+    wanted = roughness(BEFORE, X, rough(Input("x", "m")))
+
+    def looked_up(points: int) -> Signal:
+        return lambda x: np.interp(x, *known(points))
+
+    def by_integral(points: int) -> Signal:
+        """Differences of the table's integral over those of the places."""
+        at, y = known(points)
+        area = interpolate.CubicSpline(at, y).antiderivative()
+        return lambda x: np.r_[0.0, np.diff(area(x)) / np.diff(x)]
+
+    knobs = [1, 2, 4, 8, 16]
+    return on(X, lambda f: apart(f(X)[1:], wanted[1:]), {
+        "stimlib spatial_noise": ([""], own(rough, FS, "m")),
+        "points of a table in numpy interp, points in 20 um": (knobs, looked_up),
+        "integral of a scipy CubicSpline, points in 20 um": (knobs, by_integral),
+    })  # fmt: skip
+
+
+# A map ---------------------------------------------------------------------------------------------------------------
+SIDE = 0.04  # m
+PLACES = SIDE / 2 + 0.019 * np.array([np.sin(2 * np.pi * 1.3 * T), np.sin(2 * np.pi * 1.7 * T + 1.0)])
+
+
+def lumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Stiffness of a soft object with two nodules, in N/m."""
+    far = [((x - a) ** 2 + (y - b) ** 2) / (2 * r**2) for a, b, r in ((0.012, 0.015, 0.004), (0.027, 0.022, 0.006))]
+    return 300.0 + 500.0 * np.exp(-far[0]) + 200.0 * np.exp(-far[1])
+
+
+def maps() -> list[Method]:
+    wanted, sizes = lumps(*PLACES), [11, 21, 41, 81, 161]
+
+    def table(n: int) -> tuple[np.ndarray, np.ndarray]:
+        at = np.linspace(0.0, SIDE, n)
+        return at, lumps(at[:, None], at[None])
+
+    def ours(kind: str):
+        return own(lambda x, y, n: lut2(x, y, table(n)[1], SIDE / (n - 1), kind=kind).value, FS, ("m", "m"))  # type: ignore[attr-defined]
+
+    def spline(n: int) -> Signal:
+        at, z = table(n)
+        f = interpolate.RectBivariateSpline(at, at, z)
+        return lambda x: f.ev(x[0], x[1])
+
+    def lines(n: int) -> Signal:
+        at, z = table(n)
+        f = interpolate.RegularGridInterpolator((at, at), z)
+        return lambda x: f(x.T)
+
+    def image(order: int):
+        def make(n: int) -> Signal:
+            z = table(n)[1]
+            c = ndimage.spline_filter(z, order, mode="mirror") if order > 1 else z
+            return lambda x: ndimage.map_coordinates(c, x * ((n - 1) / SIDE), order=order, mode="mirror", prefilter=False)
+
+        return make
+
+    return on(PLACES, lambda f: apart(f(PLACES), wanted), {
+        "stimlib lut2 linear, points": (sizes, ours("linear")),
+        "stimlib lut2 cubic, points": (sizes, ours("cubic")),
+        "scipy RegularGridInterpolator, points": (sizes, lines),
+        "scipy RectBivariateSpline, points": (sizes, spline),
+        "scipy map_coordinates, order 1, points": (sizes, image(1)),
+        "scipy map_coordinates, order 3, points": (sizes, image(3)),
+    })  # fmt: skip
+
+
+# A measured texture --------------------------------------------------------------------------------------------------
+MODEL, SEED = made_up(), 1
+STROKES = np.array([0.08 + 0.06 * np.sin(2 * np.pi * 3.0 * np.arange(4000) / 1000), 1.0 + 0.5 * np.sin(np.arange(4000) / 700)])
+
+
+def textures() -> list[Method]:
+    """At the model's own rate; speed and force never rest."""
+    noise = laws.white(0, SEED, 0, 0, STROKES.shape[1])
+    wanted = laws.texture(MODEL, STROKES[0], STROKES[1], noise, 1)
+    top = np.array([MODEL.speed.max(), MODEL.force.max()])
+
+    def renewed(every: int) -> Signal:
+        """Models between the measured ones are made every so many samples, and each is a filter of scipy until the next."""
+
+        def run(x: np.ndarray) -> np.ndarray:
+            corners, w = laws.texture_weights(
+                x.T[::every] / top, np.stack([MODEL.speed, MODEL.force], axis=1) / top, MODEL.triangles.astype(int)
+            )
+            mean = [np.einsum("nk,nk...->n...", w, v[corners]) for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)]
+            ar, ma = (np.insert(laws.from_line_spectrum(v), 0, 1.0, axis=1) for v in mean[:2])
+            size, zi, y = mean[3] * np.sqrt(mean[2]), np.zeros(max(ar.shape[1], ma.shape[1]) - 1), np.empty(x.shape[1])
+            for k in range(len(ar)):
+                at = slice(k * every, (k + 1) * every)
+                y[at], zi = signal.lfilter(ma[k], ar[k], size[k] * noise[at], zi=zi)
+            return y
+
+        return run
+
+    return on(STROKES, lambda f: apart(f(STROKES), wanted), {
+        "stimlib texture": ([""], own(lambda v, f, _: texture(v, f, MODEL, SEED), 1000.0, ("m/s", "N"))),
+        "scipy lfilter, renewed every n samples": ([1, 3, 10, 30, 100], renewed),
+    })  # fmt: skip
+
+
+MEAN = "largest error to the mean over the movement, of its maximum"
+PROBLEMS = (
+    Problem("grating", "ribs under a finger, up to 0.33 fine ones in a sample", MEAN, SAMPLES, over_ribs),
+    Problem("roughness", "noise over place under a finger", MEAN, SAMPLES, over_roughness),
+    Problem("map", "a map of stiffness, 4 by 4 cm", "largest error to the smooth map, of its maximum", SAMPLES, maps),
+    Problem("texture", "a measured texture at 1 kHz, stroked", "largest error, of the maximum", STROKES.shape[1], textures),
+)  # fmt: skip
