@@ -1,7 +1,7 @@
 """Run time against error of every operator, beside others; with --record the tables and pictures in benchmarks/work_precision.
 
-The same as ``stimlib bench --work-precision FOLDER``; what it measures stands in ``stimlib/speed/problems``.  ``--only NAME`` measures
-some of them.  With --record, docs/explanation/work_precision.csv is then written anew from all tables that are recorded.
+The same as ``stimlib bench --work-precision FOLDER``; what it measures stands in ``stimlib/speed/problems``.  ``--only NAME``
+measures some of them.  With --record, docs/explanation/work_precision.csv is then written anew from all tables that are recorded.
 """
 
 import csv
