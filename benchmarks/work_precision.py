@@ -29,7 +29,14 @@ def summary(points: list[Point]) -> list[tuple[str, ...]]:
 
 if __name__ == "__main__":
     parser = options(__doc__)
-    parser.add_argument("--only", action="append", default=[], help="name of a problem, such as pink; again for another")
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        choices=[p.name for p in problems()],
+        metavar="NAME",
+        help="name of a problem, such as pink; again for another",
+    )
     given = parser.parse_args()
     Console(width=160).print(table(regenerate(KEPT if given.record else Path(tempfile.mkdtemp()), given.only)))
     if given.record:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from stimlib.blocks import delay
 from stimlib.cli import app
-from stimlib.errors import UnknownName
+from stimlib.errors import SinkError, UnknownName
 from stimlib.run.processor import compile
 from stimlib.speed import precision
 from stimlib.speed.precision import Method, Point, Problem, best, measure, on, problems
@@ -148,6 +148,21 @@ def test_the_command(tmp_path, monkeypatch):
     assert lines[0].startswith("# ") and "numpy" in lines[0] and lines[2].startswith("tiny,stimlib,1,0.5,")
     done = CliRunner().invoke(app, ["bench", "--only", "tiny"])
     assert done.exit_code == 2 and "--work-precision" in done.stderr
+
+
+def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkeypatch):
+    def ended():
+        raise KeyboardInterrupt
+
+    jobs = {"a": int, "b": ended}
+    some = [Problem(n, n, "error", 10, lambda job=job: [Method("stimlib", "1", job, lambda: 0.5)]) for n, job in jobs.items()]
+    monkeypatch.setattr(precision, "problems", lambda only: some)
+    with pytest.raises(KeyboardInterrupt):
+        precision.regenerate(tmp_path, shown=False)
+    assert {p.name for p in tmp_path.iterdir()} == {"a.csv", "work_a.svg"}
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(SinkError, match="cannot write .*b.csv"):
+        precision.record([], tmp_path / "b.csv")
 
 
 def test_names_of_problems():

@@ -7,6 +7,7 @@ measured in separate runs; times by jobs that take turns.  What fails is a row t
 from __future__ import annotations
 
 import csv
+import io
 import math
 import os
 import time
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..analysis.picture import check_place, save
+from ..core import regular
 from ..core.graph import Block, Input
 from ..core.progress import progress
 from ..core.scene import Scene
@@ -316,7 +318,12 @@ def table(points: Iterable[Point]) -> Table:
 
 
 def record(points: list[Point], path: str | os.PathLike) -> None:
-    """Write a table as CSV, below a line with machine and versions.
+    """Write a table as CSV, below a line with machine and versions, whole or not at all.
+
+    Raises
+    ------
+    SinkError
+        It cannot be written.
 
     Examples
     --------
@@ -327,11 +334,12 @@ def record(points: list[Point], path: str | os.PathLike) -> None:
     >>> path.read_text().splitlines()[1:]
     ['problem,family,knob,error,ns,failed', 'p,ours,1e-3,0.0001,2.0,']
     """
-    with Path(path).open("w", newline="") as f:
-        f.write(f"# {machine()}\n")
-        out = csv.writer(f, lineterminator="\n")
-        out.writerow(Point._fields)
-        out.writerows(points)
+    text = io.StringIO()
+    text.write(f"# {machine()}\n")
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow(Point._fields)
+    out.writerows(points)
+    regular.publish(path, text.getvalue())
 
 
 def recorded(folder: str | os.PathLike) -> list[Point]:

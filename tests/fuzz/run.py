@@ -109,9 +109,15 @@ if __name__ == "__main__":
     parser.add_argument("seconds", type=float)
     parser.add_argument("readers", nargs="*")
     given = parser.parse_args()
+    if not 0 < given.seconds < float("inf"):
+        parser.error(f"{given.seconds:g} seconds: a number above 0")
     if given.guided:
+        if len(given.readers) != 1:
+            parser.error("--guided changes the files of one reader: give its name")
         guided(given.seconds, given.readers[0])
     else:
         from fuzz.readers import READERS
 
+        if unknown := [name for name in given.readers if name not in READERS]:
+            parser.error(f"no reader {', '.join(unknown)}; there are {', '.join(READERS)}")
         sys.exit(run(given.seconds, given.readers or list(READERS), given.seed) > 0)

@@ -34,6 +34,7 @@ from stimlib.blocks import noise, white_noise
 
 TABLE = Path(__file__).parents[2] / "docs" / "explanation" / "randomness.csv"
 FAILED = 1e-6
+FEWEST = 1e6  # samples
 BLOCK = 1 << 18  # pairs of samples, 4 MiB of bits
 U = np.uint64
 
@@ -198,9 +199,16 @@ def main() -> None:
     parser.add_argument("--samples", type=float, default=2e8, help="of each finger (default: %(default)g)")
     parser.add_argument("--only", default="", metavar="WORD", help="only what has this word in its name")
     options = parser.parse_args()
+    if not FEWEST <= options.samples <= 1e15:
+        parser.error(f"--samples {options.samples:g}: from {FEWEST:g} on, below which tails have no counts")
+    if options.only and options.record == TABLE:
+        parser.error("--only makes a part of the table: keep it elsewhere, with --record FILE")
+    known = jobs(int(options.samples))
+    if not (wanted := [f for name, f in known.items() if options.only in name]):
+        parser.error(f"--only {options.only!r} is in no name; there are {', '.join(known)}")
     rows: list[Row] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for found in pool.map(lambda job: job(), (f for name, f in jobs(int(options.samples)).items() if options.only in name)):
+        for found in pool.map(lambda job: job(), wanted):
             rows += found
     if options.record:
         with options.record.open("w", newline="") as f:

@@ -6,8 +6,8 @@ tenth, where a sample is not accounted for, or where the log does not replay.
 
 from __future__ import annotations
 
+import argparse
 import platform
-import sys
 import tempfile
 import time
 from datetime import UTC, datetime
@@ -95,4 +95,6 @@ def main(minutes: float) -> None:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 30.0)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("minutes", type=float, nargs="?", default=30.0)
+    main(parser.parse_args().minutes)

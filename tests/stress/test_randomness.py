@@ -26,6 +26,14 @@ def test_a_fault_is_seen_by_its_test(what, monkeypatch):
     assert any(what in test for test in failed) if what else not failed, failed
 
 
+@pytest.mark.parametrize("given", ["--samples nan", "--samples 5", "--only nothing", "--only samples --record"])
+def test_wrong_arguments_say_so_and_write_nothing(given, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["randomness.py", *given.split()])
+    with pytest.raises(SystemExit) as e:
+        randomness.main()
+    assert e.value.code == 2 and given.split()[0] in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_bits_are_those_of_the_samples():
     """The words that dieharder gets, put into Box and Muller's formula, are what white_noise gives."""
     m = 50
