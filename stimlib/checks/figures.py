@@ -11,6 +11,8 @@ import numpy as np
 from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
 from .evidence import Evidence, Tap
 
+OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the square of its rows
+
 
 def figures(e: Evidence) -> Iterator[tuple[str, str]]:
     """Title and SVG of each."""
@@ -18,10 +20,11 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
         e.scene,
         e.fs,
         {n: e.x[e.proc.inputs.index(n)] for n in e.scene.inputs},
-        dict(zip(e.scene.outputs, e.shown, strict=True)),
+        dict(list(zip(e.scene.outputs, e.shown, strict=True))[:OUTPUTS]),
     )
     above, below = heights(s)
-    yield "Signals over time", _svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
+    some = f", the first {OUTPUTS} of {len(e.scene.outputs)} outputs" if len(e.scene.outputs) > OUTPUTS else ""
+    yield f"Signals over time{some}", _svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
         _svg(lambda fig: close_by(fig, s, spectra_of(e)), (12, below)),

@@ -354,7 +354,7 @@ def recorded(folder: str | os.PathLike) -> list[Point]:
     >>> recorded(folder)
     [Point(problem='pink', family='ours', knob='1e-3', error=0.0001, ns=2.0, failed='')]
     """
-    rows = []
+    rows: list[dict[str, str]] = []
     for p in problems():
         path = Path(folder) / f"{p.name}.csv"
         if path.exists():

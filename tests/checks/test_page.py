@@ -131,3 +131,14 @@ def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
         e = dc.replace(bumped.evidence, y=difference[None], wanted={"voltage": lambda: (np.zeros(size), apart)}, taps=[])
         a = figures.spectra_of(e)["voltage"]
         assert least <= (a.measured / a.high).max() <= 1 + 1e-9 and not a.law.any()
+
+
+def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
+    (y,) = bumped.evidence.scene.outputs.values()
+    monkeypatch.setattr(figures, "_svg", lambda draw, size: size)
+    for count, title in ((6, "Signals over time"), (7, "Signals over time, the first 6 of 7 outputs")):
+        scene = Scene({f"V{i}": y for i in range(count)})
+        row = bumped.evidence.shown[0]
+        signals = figures.Signals(scene, 8000.0, {"x": row}, {f"V{i}": row for i in range(min(count, figures.OUTPUTS))})
+        drawn = dict(figures.figures(dc.replace(bumped.evidence, scene=scene, shown=np.array([row] * count))))
+        assert drawn[title] == (12, figures.heights(signals)[0])
