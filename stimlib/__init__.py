@@ -43,12 +43,29 @@ _ROOMS = (
     "analysis",
     "checks",
     "sweep",
+    "experiments",
 )
 
 __all__ = [*_HOME, *_ROOMS]
 
 if TYPE_CHECKING:
-    from . import analysis, blocks, checks, core, design, devices, files, fitting, motion, plate, run, scenes, soft, sweep
+    from . import (
+        analysis,
+        blocks,
+        checks,
+        core,
+        design,
+        devices,
+        experiments,
+        files,
+        fitting,
+        motion,
+        plate,
+        run,
+        scenes,
+        soft,
+        sweep,
+    )
     from .analysis.draw import draw
     from .checks.verify import verify
     from .core.bounds import limits

@@ -1,0 +1,219 @@
+"""An experiment as a value: what a page of Python defines, and what a session needs to run it."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ..core.scene import Scene
+from ..errors import BadValue, UnknownName
+from ..run.safety import Safety
+from .questions import Question
+from .streams import seed_of
+from .trial import Design, Stimulus, Trial
+
+
+@dc.dataclass(frozen=True)
+class Timing:
+    """When a trial's stimuli are there, in s.
+
+    Parameters
+    ----------
+    interval : float
+        Length of each stimulus: the time to explore it.
+    gap : float
+        Silence between two stimuli of a trial.
+    before : float
+        Silence before the first.
+    ramp : float
+        Each stimulus begins and ends over so long, within its interval.
+    pause : float
+        At least so long from an answer to the next trial.
+    """
+
+    interval: float = 3.0
+    gap: float = 0.5
+    before: float = 0.1
+    ramp: float = 0.02
+    pause: float = 0.0
+
+    def __post_init__(self):
+        for f in dc.fields(self):
+            v = getattr(self, f.name)
+            if not isinstance(v, (int, float)) or not 0 <= v < 3600:
+                raise BadValue(f"Timing: {f.name} = {v!r} must be a time in seconds from 0 to 3600")
+        if self.interval <= 2 * self.ramp:
+            raise BadValue(f"Timing: interval = {self.interval:g} s must be longer than its two ramps of {self.ramp:g} s")
+
+
+@dc.dataclass(frozen=True)
+class Break:
+    """A pause that cannot be cut short: ``seconds`` long, after every ``every`` trials."""
+
+    every: int
+    seconds: float
+
+    def __post_init__(self):
+        if self.every < 1 or not 0 <= self.seconds < 86400:
+            raise BadValue(f"Break: every = {self.every} trials must be at least 1, seconds = {self.seconds} from 0 to 86400")
+
+
+@dc.dataclass(frozen=True)
+class Cursor:
+    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (001, section 3.5: 1 Hz for 3 s)."""
+
+    input: str
+    amplitude: float
+    frequency: float = 1.0
+
+
+@dc.dataclass(frozen=True)
+class Masking:
+    """White noise on a channel of its own while stimuli are there: rms relative to the device's full scale."""
+
+    output: str = "masking"
+    rms: float = 0.05
+
+
+@dc.dataclass(frozen=True)
+class Experiment:
+    """All that makes an experiment, except who takes part and on which device.
+
+    Parameters
+    ----------
+    name, version : str
+        A log belongs to one name, version and definition, and to no other.
+    scenes : dict of str to Scene
+        What the stimuli of trials name.
+    design : Design, or callable
+        ``design(participant, session) -> Design`` where the order depends on who it is (a code such as "P07") and on the
+        number of the session; see `stimlib.experiments.designs`.
+    questions : tuple of Question
+    fs : float
+        Hz.
+    safety : Safety or float
+        As every sink has it.
+    bounds : dict of str to (float, float)
+        Least and largest value of parameters; no trial passes them. They protect a hand.
+    motion : any
+        What drives the inputs, as a sink takes it: functions of time for a simulated hand, ``Live()`` or ``Signals`` for a real
+        one.
+    timing : Timing
+    familiarisation : dict of str to Stimulus
+        Stimuli that the participant may feel at will before the first trial.
+    training : int
+        So many trials at the beginning of each part are marked as training, to be discarded (001: 10); see ``Break``.
+    pauses : Break, optional
+        Trials after a break are training again, as in 001.
+    replays : int
+        How often the stimuli of a trial may be asked for again.
+    feedback : bool
+        Tell whether the answer was right.
+    cursor : Cursor, optional
+    masking : Masking, optional
+    seed : int
+        Of the whole experiment; each participant and session draws from their own.
+    instructions : str
+        What the participant reads first.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        Something missing, of a wrong kind, or two questions of one name; bounds of a parameter that no scene has.
+
+    Examples
+    --------
+    See `stimlib.experiments.designs`.
+    """
+
+    name: str
+    version: str
+    scenes: Mapping[str, Scene]
+    design: Design | Callable[[str, int], Design]
+    questions: tuple[Question, ...]
+    fs: float
+    safety: Safety | float
+    bounds: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
+    motion: Any = None
+    timing: Timing = Timing()
+    familiarisation: Mapping[str, Stimulus] = dc.field(default_factory=dict)
+    training: int = 0
+    pauses: Break | None = None
+    replays: int = 0
+    feedback: bool = False
+    cursor: Cursor | None = None
+    masking: Masking | None = None
+    seed: int = 0
+    instructions: str = ""
+
+    def __post_init__(self):
+        names = [q.name for q in self.questions]
+        if not self.scenes or not all(isinstance(s, Scene) for s in self.scenes.values()):
+            raise BadValue(f"experiment {self.name!r}: scenes must be a table of names to Scene, one at least")
+        if not names or len(set(names)) != len(names):
+            raise BadValue(f"experiment {self.name!r}: it needs questions, each with a name of its own; got {names}")
+        known = {p for s in self.scenes.values() for p in s.params}
+        for name, (low, high) in self.bounds.items():
+            if name not in known:
+                raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")
+            if not low < high:
+                raise BadValue(f"bounds: {name} = ({low:g}, {high:g}) must rise")
+
+    def question(self, name: str) -> Question:
+        """By its name; UnknownName where there is none."""
+        for q in self.questions:
+            if q.name == name:
+                return q
+        raise UnknownName(f"no question {name!r}; there are {', '.join(q.name for q in self.questions)}")
+
+    def designed(self, participant: str, session: int = 1) -> Design:
+        """The design of one participant's session."""
+        return self.design if hasattr(self.design, "init") else self.design(participant, session)
+
+    def seeded(self, participant: str, session: int = 1) -> int:
+        """The seed of one participant's session."""
+        return seed_of(self.seed, "session", participant, session)
+
+    def check(self, trial: Trial) -> None:
+        """Raise unless a trial can be shown: its scenes, parameters, questions are known, no parameter passes its bounds."""
+        for name in trial.questions:
+            self.question(name)
+        for s in trial.stimuli:
+            if s.scene not in self.scenes:
+                raise UnknownName(f"condition {trial.condition!r}: no scene {s.scene!r}; there are {', '.join(self.scenes)}")
+            if unknown := set(s.params) - set(self.scenes[s.scene].params):
+                raise UnknownName(f"condition {trial.condition!r}: scene {s.scene!r} has no parameter {', '.join(unknown)}")
+            for name, (low, high) in self.bounds.items():
+                if name in s.params and not low <= s.params[name] <= high:
+                    raise BadValue(
+                        f"condition {trial.condition!r}: {name} = {s.params[name]:g} is beyond its bounds, {low:g} to {high:g}"
+                    )
+
+    def facts(self) -> dict[str, Any]:
+        """What a log has of its experiment, as JSON data; ``key`` is the SHA-256 of the rest.
+
+        Functions (of a motion, or a design that depends on the participant) count by their name.
+        """
+        told = {f.name: _plain(getattr(self, f.name)) for f in dc.fields(self)}
+        text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
+        return told | {"key": hashlib.sha256(text.encode()).hexdigest()}
+
+
+def _plain(v: Any) -> Any:
+    """JSON data that says what a value is."""
+    if isinstance(v, Scene):
+        return v.hash
+    if dc.is_dataclass(v) and not isinstance(v, type):
+        return {"class": type(v).__name__} | {f.name: _plain(getattr(v, f.name)) for f in dc.fields(v)}
+    if isinstance(v, Mapping):
+        return {str(k): _plain(w) for k, w in v.items()}
+    if isinstance(v, (list, tuple)):
+        return [_plain(w) for w in v]
+    if callable(v):
+        return f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', type(v).__name__)}"
+    if hasattr(v, "tolist"):
+        return v.tolist()
+    return v if isinstance(v, (str, int, float, bool, type(None))) else type(v).__name__

@@ -1,0 +1,127 @@
+"""What is asked after a trial, and which answers there are."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from typing import Any
+
+from ..core.fields import number
+from ..errors import BadValue
+
+KINDS = ("choice", "rating", "ranking", "places")
+
+
+@dc.dataclass(frozen=True)
+class Question:
+    """One question; made by `choice`, `rating`, `ranking` or `places`.
+
+    Attributes
+    ----------
+    name : str
+    text : str
+        As the participant reads it.
+    kind : str
+        One of choice, rating, ranking, places.
+    choices : tuple of str
+        The choices; the two ends of a rating; what is put in order; empty for places.
+    keys : tuple of str
+        A key for each choice.
+    most : int
+        The largest rating, which begins at 1; the largest number of places.
+    """
+
+    name: str
+    text: str
+    kind: str
+    choices: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()
+    most: int = 0
+
+    def check(self, value: Any) -> None:
+        """Raise a BadValue, with what can be answered, unless a value answers this question."""
+        if self.kind == "choice":
+            good, wanted = value in self.choices, f"one of {', '.join(self.choices)}"
+        elif self.kind == "rating":
+            good = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= self.most
+            wanted = f"a whole number from 1 ({self.choices[0]}) to {self.most} ({self.choices[1]})"
+        elif self.kind == "ranking":
+            good = isinstance(value, (list, tuple)) and sorted(map(str, value)) == sorted(self.choices)
+            wanted = f"all of {', '.join(self.choices)}, each once, in order"
+        else:
+            good = isinstance(value, (list, tuple)) and len(value) <= self.most and all(map(_place, value))
+            wanted = f"a list of at most {self.most} places [x, y]"
+        if not good:
+            raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
+
+
+def _place(v: Any) -> bool:
+    return isinstance(v, (list, tuple)) and len(v) == 2 and all(map(number, v))
+
+
+def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
+    """One of several words.
+
+    Parameters
+    ----------
+    name, text : str
+    *choices : str
+        Two at least.
+    keys : str
+        A letter for each choice; by default 1, 2, ..
+
+    Raises
+    ------
+    BadValue
+        Fewer than two choices, one twice, or keys that are not one for each.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.questions import choice
+    >>> choice("softer", "Which one was softer?", "first", "second").keys
+    ('1', '2')
+    """
+    keys = keys or "123456789"[: len(choices)]
+    if len(choices) < 2 or len(set(choices)) != len(choices) or len(keys) != len(choices) or len(set(keys)) != len(keys):
+        raise BadValue(f"choice {name!r}: give at least two choices, each once, and one key for each; got {choices}, {keys!r}")
+    return Question(name, text, "choice", choices, tuple(keys))
+
+
+def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
+    """A number from 1 (low) to most (high), such as an adjective pair of thesis 003, section 4.3.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.questions import rating
+    >>> rating("roughness", "How rough?", "smooth", "rough").check(8)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: roughness: 8 is no answer; answer a whole number from 1 (smooth) to 7 (rough)
+    """
+    if not 2 <= most <= 1000:
+        raise BadValue(f"rating {name!r}: most = {most} must be 2 to 1000")
+    return Question(name, text, "rating", (low, high), (), most)
+
+
+def ranking(name: str, text: str, *items: str) -> Question:
+    """Some names put in order, the first is the most.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.questions import ranking
+    >>> ranking("size", "The largest first", "A", "B", "C").check(["B", "A", "C"])
+    """
+    if len(items) < 2 or len(set(items)) != len(items):
+        raise BadValue(f"ranking {name!r}: give at least two names, each once; got {items}")
+    return Question(name, text, "ranking", items)
+
+
+def places(name: str, text: str, most: int) -> Question:
+    """Points where something was felt, at most so many, in the units of the scene's inputs.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.questions import places
+    >>> places("nodules", "Where are they?", most=3).check([[0.01, 0.02]])
+    """
+    if most < 1:
+        raise BadValue(f"places {name!r}: most = {most} must be at least 1")
+    return Question(name, text, "places", (), (), most)

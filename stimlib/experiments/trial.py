@@ -1,0 +1,213 @@
+"""What a trial is, as plain data: stimuli in their order, what is asked, and what was answered.
+
+A *design* decides what comes next.  It is a value with three pure functions over plain JSON data, so that the answers
+in a log, put through ``update`` one after the other, give the state in which a session was left:
+
+``init(seed) -> State``
+    the state before the first trial; everything that is drawn is drawn from `stimlib.experiments.streams.stream`
+``next(state) -> Trial or None``
+    the trial that is due, None at the end
+``update(state, answer) -> State``
+    the state after that trial was answered; the state that was given stays as it is
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from ..errors import BadValue
+
+State = dict[str, Any]
+"""Of a design: JSON data."""
+
+
+@dc.dataclass(frozen=True)
+class Stimulus:
+    """A scene with its numbers.
+
+    Parameters
+    ----------
+    scene : str
+        Name in ``Experiment.scenes``.
+    params : dict of str to float
+        Parameters that differ from the scene's.
+    seed : int
+        Key of its noise; the stimuli of one trial have the same.
+    name : str
+        What it is called in the analysis, such as "standard"; nobody sees it during the session.
+    """
+
+    scene: str
+    params: Mapping[str, float] = dc.field(default_factory=dict)
+    seed: int = 0
+    name: str = ""
+
+
+@dc.dataclass(frozen=True)
+class Answer:
+    """What somebody answered to a trial.
+
+    Parameters
+    ----------
+    values : dict of str to JSON data
+        By the name of the question: one of its choices, a rating, a ranking (list of names), places (list of [x, y]).
+    seconds : float, optional
+        From the end of the last stimulus.
+    replays : int
+        How often the stimuli were asked for again.
+    """
+
+    values: Mapping[str, Any]
+    seconds: float | None = None
+    replays: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data; ``Answer(**data)`` makes it again."""
+        return dc.asdict(self)
+
+
+@dc.dataclass(frozen=True)
+class Trial:
+    """What is shown and asked once.
+
+    Parameters
+    ----------
+    condition : str
+        Trials of one condition are analysed together; blinded during the session.
+    stimuli : tuple of Stimulus
+        In the order in which they are displayed, one interval each.
+    questions : tuple of str
+        Names in ``Experiment.questions``.
+    level : float, optional
+        What was varied, after the bounds.
+    wanted : float, optional
+        The level that the design asked for, before the bounds.
+    track : str
+        The staircase that this trial belongs to, if there are several.
+    scores : dict of str to float
+        What each choice of the first question counts for: 1 for "the comparison is more", or for "yes, it was the signal".
+    correct : dict of str to JSON data
+        The right answers by question, where there are any: for feedback.
+    training : bool
+        To be discarded by the analysis.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.trial import Answer, Stimulus, Trial, outcome
+    >>> pair = Stimulus("squeeze", {"k": 5000.0}), Stimulus("squeeze", {"k": 2000.0})
+    >>> trial = Trial("silent", pair, ("softer",), level=5000.0, scores={"first": 0.0, "second": 1.0})
+    >>> outcome(trial, Answer({"softer": "second"}))  # the comparison, which was first, felt stiffer
+    1.0
+    >>> Trial.from_dict(trial.to_dict()) == trial
+    True
+    """
+
+    condition: str
+    stimuli: tuple[Stimulus, ...]
+    questions: tuple[str, ...]
+    level: float | None = None
+    wanted: float | None = None
+    track: str = ""
+    scores: Mapping[str, float] = dc.field(default_factory=dict)
+    correct: Mapping[str, Any] = dc.field(default_factory=dict)
+    training: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data."""
+        return dc.asdict(self) | {"stimuli": [dc.asdict(s) for s in self.stimuli], "questions": list(self.questions)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """A trial from ``to_dict`` data; TypeError or KeyError where they are none."""
+        stimuli = tuple(Stimulus(**s) for s in data["stimuli"])
+        return cls(**{**data, "stimuli": stimuli, "questions": tuple(data["questions"])})
+
+
+@dc.dataclass(frozen=True)
+class Record:
+    """A trial that was answered: one line of a session's log, and what the analysis is made from.
+
+    Attributes
+    ----------
+    number : int
+        From 1 on.
+    trial : Trial
+        As it was asked for.
+    answer : Answer
+    displayed : dict
+        What came out: the intervals in samples, what the sink reports (delivered, lost, limited), the session's log.
+    started : str
+        Date and time.
+    """
+
+    number: int
+    trial: Trial
+    answer: Answer
+    displayed: Mapping[str, Any] = dc.field(default_factory=dict)
+    started: str = ""
+
+    @property
+    def outcome(self) -> Any:
+        """See `outcome`."""
+        return outcome(self.trial, self.answer)
+
+
+class Design(Protocol):
+    """What comes next; see the top of this page."""
+
+    def init(self, seed: int) -> State: ...
+
+    def next(self, state: State) -> Trial | None: ...
+
+    def update(self, state: State, answer: Answer) -> State: ...
+
+
+Observer = Callable[[Trial, np.random.Generator], Answer]
+"""Somebody who answers: a simulated one draws from the generator and from nothing else."""
+
+
+def outcome(trial: Trial, answer: Answer) -> Any:
+    """What an answer to the first question counts for: its score where the trial has scores, else the answer itself.
+
+    Raises
+    ------
+    BadValue
+        The first question was not answered, or the answer is none of the choices.
+    """
+    name = trial.questions[0]
+    if name not in answer.values:
+        raise BadValue(f"the question {name!r} is not answered: {dict(answer.values)!r:.80}")
+    value = answer.values[name]
+    if not trial.scores:
+        return value
+    if not isinstance(value, str) or value not in trial.scores:
+        raise BadValue(f"{name}: {value!r:.80} is no choice; there are {', '.join(trial.scores)}")
+    return trial.scores[value]
+
+
+def observed(design: Design, seed: int, observer: Observer, rng: np.random.Generator) -> Iterator[tuple[Trial, Answer]]:
+    """A whole session of a simulated observer, without any sample being rendered.
+
+    Parameters
+    ----------
+    design : Design
+    seed : int
+        Of the session.
+    observer : callable
+        ``observer(trial, rng) -> Answer``.
+    rng : numpy.random.Generator
+        The observer's own.
+
+    Yields
+    ------
+    (Trial, Answer)
+    """
+    state = design.init(seed)
+    while (trial := design.next(state)) is not None:
+        answer = observer(trial, rng)
+        yield trial, answer
+        state = design.update(state, answer)
