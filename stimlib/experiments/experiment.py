@@ -50,18 +50,6 @@ class Timing:
 
 
 @dc.dataclass(frozen=True)
-class Break:
-    """A pause that cannot be cut short: ``seconds`` long, after every ``every`` trials."""
-
-    every: int
-    seconds: float
-
-    def __post_init__(self):
-        if self.every < 1 or not 0 <= self.seconds < 86400:
-            raise BadValue(f"Break: every = {self.every} trials must be at least 1, seconds = {self.seconds} from 0 to 86400")
-
-
-@dc.dataclass(frozen=True)
 class Cursor:
     """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (001, section 3.5: 1 Hz for 3 s)."""
 
@@ -104,10 +92,6 @@ class Experiment:
     timing : Timing
     familiarisation : dict of str to Stimulus
         Stimuli that the participant may feel at will before the first trial.
-    training : int
-        So many trials at the beginning of each part are marked as training, to be discarded (001: 10); see ``Break``.
-    pauses : Break, optional
-        Trials after a break are training again, as in 001.
     replays : int
         How often the stimuli of a trial may be asked for again.
     feedback : bool
@@ -140,8 +124,6 @@ class Experiment:
     motion: Any = None
     timing: Timing = Timing()
     familiarisation: Mapping[str, Stimulus] = dc.field(default_factory=dict)
-    training: int = 0
-    pauses: Break | None = None
     replays: int = 0
     feedback: bool = False
     cursor: Cursor | None = None
@@ -171,7 +153,7 @@ class Experiment:
 
     def designed(self, participant: str, session: int = 1) -> Design:
         """The design of one participant's session."""
-        return self.design if hasattr(self.design, "init") else self.design(participant, session)
+        return self.design if isinstance(self.design, Design) else self.design(participant, session)
 
     def seeded(self, participant: str, session: int = 1) -> int:
         """The seed of one participant's session."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -94,6 +94,8 @@ class Trial:
         The right answers by question, where there are any: for feedback.
     training : bool
         To be discarded by the analysis.
+    pause : float
+        Seconds of rest that are due before this trial; they cannot be cut short.
 
     Examples
     --------
@@ -115,6 +117,7 @@ class Trial:
     scores: Mapping[str, float] = dc.field(default_factory=dict)
     correct: Mapping[str, Any] = dc.field(default_factory=dict)
     training: bool = False
+    pause: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data."""
@@ -156,6 +159,7 @@ class Record:
         return outcome(self.trial, self.answer)
 
 
+@runtime_checkable
 class Design(Protocol):
     """What comes next; see the top of this page."""
 

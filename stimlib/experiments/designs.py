@@ -1,0 +1,343 @@
+"""Designs: which trial comes next.  Each is a value with ``init``, ``next`` and ``update``, pure functions over JSON data.
+
+Whatever is put in a random order is sorted by a draw of its own: one more condition, track or part changes no other draw and no
+other order.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..errors import BadValue
+from .streams import seed_of, stream
+from .tasks import Task
+from .trial import Answer, Design, State, Trial, outcome
+
+
+def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
+    """Names in random order; one more name leaves the others in the order that they had.
+
+    Parameters
+    ----------
+    seed : int
+    purpose : str
+        What the order is for.
+    names : sequence of str
+        Each once.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.designs import shuffled
+    >>> shuffled(1, "parts", ["a", "b", "c", "d"])
+    ['b', 'a', 'c', 'd']
+    >>> shuffled(1, "parts", ["a", "b", "c", "d", "e"])
+    ['e', 'b', 'a', 'c', 'd']
+    """
+    return sorted(names, key=lambda name: stream(seed, purpose, name).random())
+
+
+def turn_of(participant: str, turns: int) -> int:
+    """Which of so many orders a participant has, from 0 on: the number at the end of the code, less 1, modulo turns.
+
+    Raises
+    ------
+    BadValue
+        A code without a number.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.designs import turn_of
+    >>> [turn_of(code, 4) for code in ("P01", "P04", "P05")]
+    [0, 3, 0]
+    """
+    digits = re.search(r"\d+$", participant)
+    if digits is None:
+        raise BadValue(
+            f"participant {participant!r}: the order of the square goes by the number at the end of the code, such as P07"
+        )
+    return (int(digits.group()) - 1) % turns
+
+
+@dc.dataclass(frozen=True)
+class Staircase:
+    """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49, 467-477).
+
+    An outcome of 1 ("more") lowers the level once there were ``down`` of them, 0 raises it after ``up``.  Until the first
+    reversal one answer is enough.  Steps multiply by 10^(dB/20), as those of PsychoPy's ``StairHandler`` do with
+    ``stepType="db"``: the levels are the same.
+
+    Parameters
+    ----------
+    task : Task
+        Of outcomes 0 and 1.
+    start : float or (float, float)
+        The first level, or between which two it is drawn.
+    bounds : (float, float)
+        Levels that are never passed; a step that would pass them ends on them.
+    steps : tuple of float
+        dB; the one after k reversals is ``steps[k]``, or the last.  By default 12 dB until five reversals, then 3 dB, as in
+        paper 000, section 2.2.
+    reversals : int
+        It ends with this reversal.
+    up, down : int
+    most : int
+        Trials after which it ends anyhow: an observer who answers always the same would stay on a bound for ever.
+
+    Raises
+    ------
+    BadValue
+        The start violates the bounds; a level that is not above 0; steps or numbers that are none.
+
+    Examples
+    --------
+    The staircase of paper 000, of somebody who feels every difference, in units of k0:
+
+    >>> from stimlib.experiments.designs import Staircase
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 1.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> stairs = Staircase(task, start=(2.0, 2.5), bounds=(0.1, 10.0))
+    >>> state, levels = stairs.init(seed=1), []
+    >>> while (trial := stairs.next(state)) is not None:
+    ...     levels.append(round(trial.level, 2))
+    ...     stiffer = next(c for c, score in trial.scores.items() if score == (trial.level > 1.0))
+    ...     state = stairs.update(state, Answer({"softer": stiffer}))
+    >>> levels[:8], len(levels)
+    ([2.05, 0.51, 2.05, 0.51, 2.05, 0.51, 0.73, 1.03], 22)
+    """
+
+    task: Task
+    start: float | tuple[float, float]
+    bounds: tuple[float, float]
+    steps: tuple[float, ...] = (12.0, 12.0, 12.0, 12.0, 12.0, 3.0)
+    reversals: int = 20
+    up: int = 1
+    down: int = 1
+    most: int = 1000
+
+    def __post_init__(self):
+        low, high = self.bounds
+        least, largest = self._start
+        if not (0 < low < high < math.inf):
+            raise BadValue(f"Staircase: bounds = {self.bounds} must rise from a level above 0: steps are in dB")
+        if not low <= least <= largest <= high:
+            raise BadValue(f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}")
+        if not self.steps or not all(0 < s < 200 for s in self.steps):
+            raise BadValue(f"Staircase: steps = {self.steps} must be dB above 0")
+        for name in ("reversals", "up", "down", "most"):
+            if getattr(self, name) < 1:
+                raise BadValue(f"Staircase: {name} = {getattr(self, name)} must be at least 1")
+
+    @property
+    def _start(self) -> tuple[float, float]:
+        return self.start if isinstance(self.start, tuple) else (self.start, self.start)
+
+    def init(self, seed: int) -> State:
+        """The first level is drawn from the stream "start"."""
+        low, high = self._start
+        level = low + (high - low) * float(stream(seed, "start").random())
+        return {"seed": seed, "n": 0, "level": level, "wanted": level, "way": 0, "run": 0, "reversals": 0}
+
+    def next(self, state: State) -> Trial | None:
+        """The comparison at the present level."""
+        if state["reversals"] >= self.reversals or state["n"] >= self.most:
+            return None
+        return dc.replace(self.task.trial(state["level"], state["seed"], state["n"]), wanted=state["wanted"])
+
+    def update(self, state: State, answer: Answer) -> State:
+        """Count the answer, and step where enough of them agree."""
+        trial = self.next(state)
+        if trial is None:
+            raise BadValue(f"the staircase has ended after {state['n']} trials: it takes no more answers")
+        more = outcome(trial, answer) > 0.5
+        run = max(state["run"], 0) + 1 if more else min(state["run"], 0) - 1
+        first = state["reversals"] == 0  # one answer is enough until the first reversal, and for that one
+        way = -1 if run >= (1 if first else self.down) else 1 if -run >= (1 if first else self.up) else 0
+        turned = way != 0 and state["way"] == -way
+        reversals = state["reversals"] + turned
+        wanted = state["level"]
+        if way:
+            wanted *= 10.0 ** (way * self.steps[min(reversals, len(self.steps) - 1)] / 20.0)
+        low, high = self.bounds
+        return {
+            **state,
+            "n": state["n"] + 1,
+            "level": min(max(wanted, low), high),
+            "wanted": wanted,
+            "way": way or state["way"],
+            "run": 0 if way else run,
+            "reversals": reversals,
+        }
+
+
+@dc.dataclass(frozen=True)
+class Listed:
+    """A list of trials, each several times, in random order: constant stimuli, one-interval 2AFC, ratings, ranking.
+
+    Parameters
+    ----------
+    items : tuple of (Task, level)
+        The level is what the task takes: a number, the name of a stimulus, None.
+    repeats : int
+    shuffle : {"all", "each", "none"}
+        All together; each repeat by itself, so that none comes before all others had their turn; as they are listed.
+    training : bool
+        Discarded by the analysis.
+
+    Raises
+    ------
+    BadValue
+        No items, repeats below 1, an unknown shuffle.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.designs import Listed
+    >>> from stimlib.experiments.tasks import Identify
+    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    >>> design = Listed(((task, "red"), (task, "green")), repeats=3)
+    >>> state, shown = design.init(seed=4), []
+    >>> while (trial := design.next(state)) is not None:
+    ...     shown.append(trial.correct["bouncier"])
+    ...     state = design.update(state, Answer({"bouncier": "red"}))
+    >>> sorted(shown) == 3 * ["green"] + 3 * ["red"]
+    True
+    """
+
+    items: tuple[tuple[Task, Any], ...]
+    repeats: int = 1
+    shuffle: str = "all"
+    training: bool = False
+
+    def __post_init__(self):
+        if not self.items or self.repeats < 1 or self.shuffle not in ("all", "each", "none"):
+            raise BadValue("Listed: give items (task, level), repeats of at least 1, shuffle one of all, each, none")
+        if len(set(self._names)) != len(self.items):
+            raise BadValue(f"Listed: an item is there twice, of {self._names}; say repeats instead")
+
+    @property
+    def _names(self) -> list[str]:
+        return [f"{task.condition} {level!r}" for task, level in self.items]
+
+    def init(self, seed: int) -> State:
+        """The whole order, from the stream "shuffle"."""
+        number = {f"{r} {name}": i for r in range(self.repeats) for i, name in enumerate(self._names)}
+        keys = list(number)
+        if self.shuffle != "none":
+            keys = shuffled(seed, "shuffle", keys)
+        if self.shuffle == "each":
+            keys.sort(key=lambda key: int(key.partition(" ")[0]))
+        return {"seed": seed, "n": 0, "order": [number[key] for key in keys]}
+
+    def next(self, state: State) -> Trial | None:
+        """The next of the order."""
+        n = state["n"]
+        if n >= len(state["order"]):
+            return None
+        task, level = self.items[state["order"][n]]
+        return dc.replace(task.trial(level, state["seed"], n), training=self.training)
+
+    def update(self, state: State, answer: Answer) -> State:
+        """One further."""
+        trial = self.next(state)
+        if trial is None:
+            raise BadValue(f"all {state['n']} trials are done: there are no more answers to take")
+        outcome(trial, answer)
+        return {**state, "n": state["n"] + 1}
+
+
+@dc.dataclass(frozen=True)
+class Interleaved:
+    """Several designs at a time, one of which is drawn for each trial, until all have ended.
+
+    Parameters
+    ----------
+    tracks : dict of str to Design
+        By the name of the track.
+
+    Examples
+    --------
+    ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low": Staircase(task, (0.4, 0.5), bounds)})``: paper 000.
+    """
+
+    tracks: Mapping[str, Design]
+
+    def init(self, seed: int) -> State:
+        """Each track has a seed of its own."""
+        return {"seed": seed, "n": 0, "tracks": {k: d.init(seed_of(seed, "track", k)) for k, d in self.tracks.items()}}
+
+    def _due(self, state: State) -> tuple[str, Trial] | None:
+        waiting = {k: t for k, d in self.tracks.items() if (t := d.next(state["tracks"][k])) is not None}
+        return next(((k, waiting[k]) for k in shuffled(state["seed"], f"interleave {state['n']}", list(waiting))), None)
+
+    def next(self, state: State) -> Trial | None:
+        """That of a track drawn from those that go on."""
+        due = self._due(state)
+        return due and dc.replace(due[1], track=f"{due[0]} {due[1].track}".rstrip())
+
+    def update(self, state: State, answer: Answer) -> State:
+        """The answer goes to the track that asked."""
+        due = self._due(state)
+        if due is None:
+            raise BadValue(f"all tracks have ended after {state['n']} trials: they take no more answers")
+        tracks = {**state["tracks"], due[0]: self.tracks[due[0]].update(state["tracks"][due[0]], answer)}
+        return {**state, "n": state["n"] + 1, "tracks": tracks}
+
+
+@dc.dataclass(frozen=True)
+class Parts:
+    """Designs one after another.
+
+    Parameters
+    ----------
+    parts : dict of str to Design
+    pause : float
+        Seconds of rest before each part but the first (000: 120).
+    shuffle : bool
+        In random order, each participant in their own; else as they are given.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.designs import Listed, Parts
+    >>> from stimlib.experiments.tasks import Show
+    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> day = lambda name: Listed(((Show(name, ("rough",), Stimulus("bumps")), None),), repeats=2)
+    >>> design = Parts({"A": day("a"), "B": day("b")}, pause=120.0, shuffle=True)
+    >>> state, seen = design.init(seed=2), []
+    >>> while (trial := design.next(state)) is not None:
+    ...     seen.append((trial.condition, trial.pause))
+    ...     state = design.update(state, Answer({"rough": 3}))
+    >>> seen
+    [('a', 0.0), ('a', 0.0), ('b', 120.0), ('b', 0.0)]
+    """
+
+    parts: Mapping[str, Design]
+    pause: float = 0.0
+    shuffle: bool = False
+
+    def init(self, seed: int) -> State:
+        """Each part has a seed of its own."""
+        order = shuffled(seed, "parts", list(self.parts)) if self.shuffle else list(self.parts)
+        return {"order": order, "fresh": False, "parts": {k: self.parts[k].init(seed_of(seed, "part", k)) for k in order}}
+
+    def next(self, state: State) -> Trial | None:
+        """That of the first part that goes on."""
+        for k in state["order"]:
+            trial = self.parts[k].next(state["parts"][k])
+            if trial is not None:
+                rest = max(trial.pause, self.pause) if state["fresh"] else trial.pause
+                return dc.replace(trial, track=f"{k} {trial.track}".rstrip(), pause=rest)
+        return None
+
+    def update(self, state: State, answer: Answer) -> State:
+        """The answer goes to that part."""
+        for k in state["order"]:
+            if self.parts[k].next(state["parts"][k]) is not None:
+                after = self.parts[k].update(state["parts"][k], answer)
+                ended = self.parts[k].next(after) is None
+                return {**state, "fresh": ended, "parts": {**state["parts"], k: after}}
+        raise BadValue("all parts have ended: they take no more answers")

@@ -1,0 +1,123 @@
+"""QUEST+ (Watson 2017, Journal of Vision 17(3):10) as a design, by the package questplus."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses as dc
+from functools import lru_cache
+from typing import Any
+
+from ..core.packages import package
+from ..errors import BadValue
+from .tasks import Task
+from .trial import Answer, State, Trial, outcome
+
+_NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
+
+
+@dc.dataclass(frozen=True)
+class Quest:
+    """The level that is expected to tell most about a cumulative normal: mean, standard deviation, lapses.
+
+    Parameters
+    ----------
+    task : Task
+        Of outcomes 0 and 1.
+    levels : tuple of float
+        Those that may be shown, bounds included.
+    means, deviations : tuple of float
+        What the parameters may be, in the unit of the levels; each is as likely before the first answer.
+    lapses : tuple of float
+        Probabilities of a lapse to either side, below 0.5.
+    trials : int
+        Its length.
+
+    Raises
+    ------
+    BadValue
+        No levels or parameters, or trials below 1.
+    MissingPackage
+        questplus is not installed: ``pip install 'stimlib[experiments]'``.
+
+    Notes
+    -----
+    p(1) = lapse + (1 - 2 lapse) Phi((level - mean) / deviation), ``norm_cdf_2`` of questplus.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.quest import Quest
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 2.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> design = Quest(task, (1.0, 1.5, 2.0, 2.5, 3.0), means=(1.5, 2.0, 2.5), deviations=(0.2, 0.5), trials=3)
+    >>> state, levels = design.init(seed=1), []
+    >>> while (trial := design.next(state)) is not None:
+    ...     levels.append(trial.level)
+    ...     stiffer = next(c for c, score in trial.scores.items() if score == (trial.level > 2.0))
+    ...     state = design.update(state, Answer({"softer": stiffer}))
+    >>> levels, round(design.estimate(state)["mean"], 1)
+    ([2.0, 2.0, 2.0], 2.4)
+    """
+
+    task: Task
+    levels: tuple[float, ...]
+    means: tuple[float, ...]
+    deviations: tuple[float, ...]
+    lapses: tuple[float, ...] = (0.02,)
+    trials: int = 40
+
+    def __post_init__(self):
+        if not (self.levels and self.means and self.deviations and self.lapses) or self.trials < 1:
+            raise BadValue("Quest: give levels, means, deviations and lapses, one of each at least, and trials of at least 1")
+        if min(self.deviations) <= 0 or not all(0 <= p < 0.5 for p in self.lapses):
+            raise BadValue("Quest: deviations must be above 0, lapses from 0 to below 0.5")
+
+    def init(self, seed: int) -> State:
+        """What was shown and answered: nothing yet."""
+        return {"seed": seed, "levels": [], "outcomes": []}
+
+    def next(self, state: State) -> Trial | None:
+        """The level of least expected entropy."""
+        n = len(state["levels"])
+        if n >= self.trials:
+            return None
+        return self.task.trial(_level(*_facts(self, state)), state["seed"], n)
+
+    def update(self, state: State, answer: Answer) -> State:
+        """One level and outcome more."""
+        trial = self.next(state)
+        if trial is None:
+            raise BadValue(f"all {self.trials} trials are done: there are no more answers to take")
+        more = int(outcome(trial, answer) > 0.5)
+        return {**state, "levels": [*state["levels"], trial.level], "outcomes": [*state["outcomes"], more]}
+
+    def estimate(self, state: State) -> dict[str, float]:
+        """Posterior means of the parameters: mean, sd, lapse_rate."""
+        return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
+
+
+def _facts(design: Quest, state: State) -> tuple[Quest, tuple[float, ...], tuple[int, ...]]:
+    return dc.replace(design, task=None), tuple(state["levels"]), tuple(state["outcomes"])  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=32)
+def _level(design: Quest, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> float:
+    return float(_posterior(design, levels, outcomes).next_stim["intensity"])
+
+
+@lru_cache(maxsize=32)
+def _posterior(design: Quest, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> Any:
+    """What is known after these answers; the last ones are kept, so that a session takes one step a trial."""
+    if not levels:
+        of = {"mean": design.means, "sd": design.deviations, "lapse_rate": design.lapses}
+        return package("questplus", "Quest", "'stimlib[experiments]'").QuestPlus(
+            stim_domain={"intensity": list(design.levels)},
+            param_domain={k: list(v) for k, v in of.items()},
+            outcome_domain={"response": list(_NAMES)},
+            func="norm_cdf_2",
+            stim_scale="linear",
+        )
+    known = copy.copy(_posterior(design, levels[:-1], outcomes[:-1]))
+    known.stim_history, known.resp_history = list(known.stim_history), list(known.resp_history)
+    known.update(stim={"intensity": levels[-1]}, outcome={"response": _NAMES[1 - outcomes[-1]]})
+    return known

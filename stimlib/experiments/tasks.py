@@ -1,0 +1,147 @@
+"""Tasks: how a level becomes a trial, and what its answers count for.
+
+A task is a value with ``trial(level, seed, n)``; ``n`` counts the trials of its design.  What is drawn has a stream of its own
+for each purpose, condition and trial.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from ..errors import BadValue, UnknownName
+from .streams import seed_of, stream
+from .trial import Stimulus, Trial
+
+
+class Task(Protocol):
+    """Makes trials of one condition."""
+
+    condition: str
+
+    def trial(self, level: Any, seed: int, n: int) -> Trial: ...
+
+
+@dc.dataclass(frozen=True)
+class Pair:
+    """Sequential two-alternative forced choice: a standard and a comparison, in random order (000, section 2.2).
+
+    Parameters
+    ----------
+    condition : str
+    question : str
+        Name of a question with two choices, the first and the second interval.
+    standard, comparison : Stimulus
+    varies : str
+        Parameter of the comparison that is the level.
+    choices : (str, str)
+        Of the question: what says the first, what the second interval.
+    asks_less : bool
+        Whether the question asks which has less of what the level raises, such as "softer" of a stiffness.
+
+    Notes
+    -----
+    The score of an answer is 1 where it says that the comparison has more.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 2000.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> trial = task.trial(5000.0, seed=1, n=0)
+    >>> [s.params["k"] for s in trial.stimuli], trial.scores
+    ([2000.0, 5000.0], {'first': 1.0, 'second': 0.0})
+    """
+
+    condition: str
+    question: str
+    standard: Stimulus
+    comparison: Stimulus
+    varies: str
+    choices: tuple[str, str] = ("first", "second")
+    asks_less: bool = False
+
+    def trial(self, level: float, seed: int, n: int) -> Trial:
+        """Both stimuli, with the same noise key, and what each choice counts for."""
+        noise = seed_of(seed, "noise", self.condition, n)
+        comparison = dc.replace(self.comparison, params={**self.comparison.params, self.varies: level}, name="comparison")
+        pair = [dc.replace(s, seed=noise) for s in (dc.replace(self.standard, name="standard"), comparison)]
+        second = bool(stream(seed, "order", self.condition, n).integers(2))  # whether the comparison comes second
+        says_comparison = self.choices[second]
+        scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
+        return Trial(self.condition, tuple(pair if second else pair[::-1]), (self.question,), level, scores=scores)
+
+
+@dc.dataclass(frozen=True)
+class Identify:
+    """One-interval two-alternative forced choice: which of two known stimuli was that (001, section 3.1)?
+
+    Parameters
+    ----------
+    condition : str
+    question : str
+        Name of a question whose choices are the names of the stimuli.
+    stimuli : dict of str to Stimulus
+        Two, by the choice that is right; the first is the signal, whose choice counts 1.
+
+    Raises
+    ------
+    BadValue
+        Not two stimuli.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.tasks import Identify
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    >>> task.trial("green", seed=1, n=0).correct
+    {'bouncier': 'green'}
+    """
+
+    condition: str
+    question: str
+    stimuli: Mapping[str, Stimulus]
+
+    def __post_init__(self):
+        if len(self.stimuli) != 2:
+            raise BadValue(f"Identify {self.condition!r}: give two stimuli, by their choices; got {list(self.stimuli)}")
+
+    def trial(self, level: str, seed: int, n: int) -> Trial:
+        """The stimulus of this name."""
+        if level not in self.stimuli:
+            raise UnknownName(f"Identify {self.condition!r}: no stimulus {level!r}; there are {', '.join(self.stimuli)}")
+        shown = dc.replace(self.stimuli[level], name=level, seed=seed_of(seed, "noise", self.condition, n))
+        scores = {c: 1.0 - i for i, c in enumerate(self.stimuli)}
+        return Trial(self.condition, (shown,), (self.question,), scores=scores, correct={self.question: level})
+
+
+@dc.dataclass(frozen=True)
+class Show:
+    """A stimulus and questions about it: ratings (003), nodules to find, to place or to rank (002).
+
+    Parameters
+    ----------
+    condition : str
+    questions : tuple of str
+    stimulus : Stimulus
+    correct : dict of str to JSON data
+        The right answers by question, where there are any.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.tasks import Show
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> Show("sine 2", ("roughness", "bumpiness"), Stimulus("bumps", {"amplitude": 4.0})).trial(None, 1, 0).questions
+    ('roughness', 'bumpiness')
+    """
+
+    condition: str
+    questions: tuple[str, ...]
+    stimulus: Stimulus
+    correct: Mapping[str, Any] = dc.field(default_factory=dict)
+
+    def trial(self, level: Any, seed: int, n: int) -> Trial:
+        """The stimulus, with noise of its own."""
+        shown = dc.replace(self.stimulus, seed=seed_of(seed, "noise", self.condition, n))
+        return Trial(self.condition, (shown,), self.questions, correct=self.correct)

@@ -1,0 +1,266 @@
+"""Designs: the levels of a staircase, orders that own their draws, squares, and states that are plain data."""
+
+import dataclasses as dc
+import json
+
+import numpy as np
+import pytest
+
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
+from stimlib.experiments.questions import choice, places, ranking, rating
+from stimlib.experiments.quest import Quest
+from stimlib.experiments.squares import check_graeco_latin, graeco_latin
+from stimlib.experiments.streams import seed_of, stream
+from stimlib.experiments.tasks import Identify, Pair, Show
+from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
+
+PAIR = Pair("silent", "softer", Stimulus("squeeze", {"k": 2.0}), Stimulus("squeeze", {"A": 3.4}), "k", asks_less=True)
+STAIRS = Staircase(PAIR, start=5.0, bounds=(0.1, 100.0))
+
+
+def says(trial: Trial, more: bool) -> Answer:
+    return Answer({trial.questions[0]: next(c for c, score in trial.scores.items() if score == more)})
+
+
+def levels(design, answers, seed=1):
+    """Levels that a list of outcomes leads to; a function of the level answers for somebody."""
+    state, found = design.init(seed), []
+    while (trial := design.next(state)) is not None and (callable(answers) or len(found) < len(answers)):
+        found.append(trial.level)
+        state = design.update(state, says(trial, answers(trial.level) if callable(answers) else answers[len(found) - 1]))
+    return found
+
+
+# The up-down rule as PsychoPy's StairHandler has it, written down from its documentation: one step per entry --------------
+def reference(answers, level, up, down, steps, low, high):
+    found, way, run, turns = [], 0, 0, 0
+    for more in answers:
+        found.append(level)
+        run = run + 1 if more and run >= 0 else run - 1 if not more and run <= 0 else 1 if more else -1
+        needed = 1 if turns == 0 else down if more else up
+        if abs(run) >= needed:
+            new = -1 if more else 1
+            turns += way == -new
+            way, run = new, 0
+            factor = 10 ** (steps[min(turns, len(steps) - 1)] / 20)
+            level = level / factor if more else level * factor
+            level = low if level < low else high if level > high else level
+    return found
+
+
+def test_staircase_of_the_paper_has_22_levels():
+    found = levels(STAIRS, lambda k: k > 2.0)
+    big, small = 10 ** (12 / 20), 10 ** (3 / 20)
+    a, b = 5.0 / big, 5.0 / big * small
+    assert found[:6] == pytest.approx([5.0, a, 5.0, a, 5.0, a], rel=1e-14)
+    assert found[6:] == pytest.approx([b, b * small] * 8, rel=1e-14)
+    assert round(found[1], 3) == 1.256
+
+
+@pytest.mark.parametrize("up, down", [(1, 1), (1, 2), (2, 1), (1, 3)])
+def test_staircase_is_the_up_down_rule_on_any_answers(up, down):
+    answers = stream(3, up, down).integers(2, size=120).astype(bool).tolist()
+    design = Staircase(PAIR, 5.0, (0.5, 20.0), steps=(8.0, 4.0, 2.0), reversals=10**6, up=up, down=down)
+    assert levels(design, answers) == pytest.approx(reference(answers, 5.0, up, down, (8.0, 4.0, 2.0), 0.5, 20.0), rel=1e-12)
+
+
+def test_no_staircase_passes_its_bounds_and_each_ends():
+    state, trials = (design := Staircase(PAIR, 5.0, (1.5, 20.0), most=9)).init(1), []
+    while (trial := design.next(state)) is not None:
+        trials.append(trial)
+        state = design.update(state, says(trial, False))
+    assert [t.level for t in trials[1:]] == [5.0 * 10**0.6] + 7 * [20.0] and len(trials) == 9
+    assert trials[2].wanted == pytest.approx(5.0 * 10**1.2)  # asked for, and not shown
+    with pytest.raises(BadValue, match="ended after 9 trials"):
+        design.update(state, Answer({"softer": "first"}))
+
+
+@pytest.mark.parametrize(
+    "wrong, why",
+    [
+        ({"start": 30.0}, "start = 30.0 violates the bounds, 0.1 to 20"),
+        ({"start": (5.0, 4.0)}, "violates"),
+        ({"bounds": (0.0, 20.0)}, "rise from a level above 0"),
+        ({"steps": ()}, "dB above 0"),
+        ({"reversals": 0}, "reversals = 0"),
+        ({"down": 0}, "down = 0"),
+    ],
+)
+def test_a_staircase_that_makes_no_sense(wrong, why):
+    with pytest.raises(BadValue, match=why):
+        Staircase(**({"task": PAIR, "start": 5.0, "bounds": (0.1, 20.0)} | wrong))
+
+
+def test_a_start_is_drawn_between_its_two_levels_and_from_a_stream_of_its_own():
+    design = Staircase(PAIR, (4.0, 5.0), (0.1, 20.0))
+    starts = np.array([design.init(seed)["level"] for seed in range(400)])
+    assert 4.0 <= starts.min() < 4.05 and 4.95 < starts.max() <= 5.0 and abs(starts.mean() - 4.5) < 0.05
+    assert design.init(7)["level"] == 4.0 + stream(7, "start").random()
+
+
+def test_order_of_a_pair_is_random_and_scores_follow_it():
+    trials = [PAIR.trial(5.0, seed=2, n=n) for n in range(400)]
+    first = np.array([t.stimuli[0].name == "comparison" for t in trials])
+    assert 160 < first.sum() < 240 and abs(np.corrcoef(first[1:], first[:-1])[0, 1]) < 0.15
+    for t in trials[:20]:
+        standard = next(i for i, s in enumerate(t.stimuli) if s.name == "standard")
+        assert t.scores[("first", "second")[standard]] == 1.0  # the standard was softer: the comparison is more
+        assert t.stimuli[standard].params == {"k": 2.0} and t.stimuli[1 - standard].params == {"A": 3.4, "k": 5.0}
+        assert t.stimuli[0].seed == t.stimuli[1].seed
+    assert len({t.stimuli[0].seed for t in trials}) == 400
+
+
+def test_one_more_track_or_part_changes_no_other_draw():
+    def seen(*names, make):
+        design = make({n: Staircase(PAIR, (2.0, 9.0), (0.1, 20.0), reversals=4) for n in names})
+        found = {}
+        for trial, _ in observed(design, 5, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1)):
+            found.setdefault(trial.track, []).append((trial.level, [(s.name, s.seed) for s in trial.stimuli]))
+        return found
+
+    for make in (Interleaved, lambda parts: Parts(parts, shuffle=True)):
+        two, three = seen("high", "low", make=make), seen("high", "new", "low", make=make)
+        assert {k: three[k] for k in two} == two and len(three) == 3
+    assert seen("high", "low", make=Interleaved)["high"] != seen("high", "low", make=Interleaved)["low"]
+
+
+def test_interleaved_tracks_take_turns_at_random():
+    tracks = {n: Staircase(PAIR, 5.0, (0.1, 20.0)) for n in ("high", "low")}
+    answers = observed(Interleaved(tracks), 1, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1))
+    order = [t.track for t, _ in answers]
+    assert order.count("high") == order.count("low") == 22
+    turns = sum(a != b for a, b in zip(order, order[1:], strict=False))
+    assert 10 < turns < 35
+
+
+def test_listed_trials_come_each_as_often_as_asked():
+    task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    shown = [
+        t for t, _ in observed(Listed(((task, "red"), (task, "green")), 50), 3, lambda t, r: Answer({"bouncier": "red"}), None)
+    ]
+    names = [t.stimuli[0].name for t in shown]
+    assert names.count("red") == names.count("green") == 50 and names[:50].count("red") not in (0, 50)
+    assert all(t.correct == {"bouncier": n} and t.scores == {"red": 1.0, "green": 0.0} for t, n in zip(shown, names, strict=True))
+
+
+def test_each_repeat_by_itself_and_as_listed():
+    tasks = tuple((Show(f"{i}", ("rough",), Stimulus("bumps")), None) for i in range(8))
+    rate = lambda t, rng: Answer({"rough": 4})  # noqa: E731
+    each = [t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, None)]
+    assert [sorted(each[i : i + 8]) for i in (0, 8, 16)] == 3 * [[str(i) for i in range(8)]]
+    assert each[:8] != each[8:16]
+    assert [t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, None)] == 2 * [str(i) for i in range(8)]
+    assert [t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, None)] != each[:8]  # another participant, another order
+
+
+def test_parts_rest_between_and_nowhere_else():
+    part = Listed(((Show("a", ("rough",), Stimulus("bumps")), None),), repeats=2, training=True)
+    trials = [t for t, _ in observed(Parts({"1": part, "2": part}, pause=60.0), 1, lambda t, r: Answer({"rough": 1}), None)]
+    assert [t.pause for t in trials] == [0.0, 0.0, 60.0, 0.0] and [t.track for t in trials] == ["1", "1", "2", "2"]
+    assert all(t.training for t in trials) and trials[0].stimuli[0].seed != trials[2].stimuli[0].seed
+
+
+DESIGNS = {
+    "staircase": STAIRS,
+    "interleaved": Parts({"a": Interleaved({"x": STAIRS, "y": STAIRS}), "b": Listed(((PAIR, 2.0), (PAIR, 4.0)), 2)}, 60, True),
+}
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_state_is_plain_data_and_update_leaves_it_alone(name):
+    design = DESIGNS[name]
+    state = design.init(9)
+    for _ in range(12):
+        text = json.dumps(state, allow_nan=False)
+        trial = design.next(state)
+        assert Trial.from_dict(json.loads(json.dumps(trial.to_dict()))) == trial
+        after = design.update(state, says(trial, trial.level > 2.0))
+        assert json.dumps(state) == text and after != state
+        assert design.update(json.loads(text), says(trial, trial.level > 2.0)) == after
+        state = after
+
+
+def test_an_answer_that_is_none():
+    state = STAIRS.init(1)
+    with pytest.raises(BadValue, match="softer: 'third' is no choice; there are first, second"):
+        STAIRS.update(state, Answer({"softer": "third"}))
+    with pytest.raises(BadValue, match="'softer' is not answered"):
+        STAIRS.update(state, Answer({"other": "first"}))
+
+
+def test_quest_finds_the_mean_and_goes_on_from_its_state():
+    design = Quest(PAIR, (1.0, 1.5, 2.0, 2.5, 3.0, 3.5), (1.5, 2.0, 2.5, 3.0), (0.2, 0.4), trials=10)
+    state, trials = design.init(1), []
+    while (trial := design.next(state)) is not None:
+        trials.append(trial)
+        state = design.update(state, says(trial, trial.level > 2.4))
+    assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} > {2.0, 2.5}
+    again = dc.replace(design, trials=11)  # nothing of it is known yet: as a resumed session has it
+    cold = {k: v if k == "seed" else v[:9] for k, v in state.items()}
+    assert again.next(cold) == trials[9]
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 7, 8, 9, 10, 12, 14, 18, 22, 26, 30, 32])
+def test_graeco_latin_squares_are_orthogonal(n):
+    square = graeco_latin(n)
+    assert len({tuple(pair) for pair in square.reshape(-1, 2).tolist()}) == n * n
+    for letters in (square[:, :, 0], square[:, :, 1]):
+        assert (np.sort(letters, 0) == np.arange(n)[:, None]).all() and (np.sort(letters, 1) == np.arange(n)).all()
+
+
+def test_squares_that_are_none():
+    for n in (1, 2, 6, 34):
+        with pytest.raises(BadValue, match=f"graeco_latin.{n}.*take one that has a square"):
+            graeco_latin(n)
+    square = graeco_latin(4)
+    same = square.copy()
+    same[:, :, 1] = same[:, :, 0]
+    with pytest.raises(BadValue, match="pair .0, 0. is there 4 times"):
+        check_graeco_latin(same)
+    square[0, 0, 1] = 1
+    with pytest.raises(BadValue, match="row 1 has not each Latin letter once"):
+        check_graeco_latin(square)
+
+
+def test_streams_are_their_words():
+    assert stream(1, "a", 1).random() != stream(1, "a", 2).random() != stream(2, "a", 2).random()
+    assert stream(1, "ab", "c").random() != stream(1, "a", "bc").random()
+    assert 0 <= seed_of(1, "x") < 2**53
+    for wrong in (-1, 1.0, True, 2**64):
+        with pytest.raises(BadValue, match="seed"):
+            stream(wrong, "a")
+
+
+def test_turns_go_by_the_number_of_the_participant():
+    assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0]
+    with pytest.raises(BadValue, match="number at the end"):
+        turn_of("Anna", 3)
+    assert sorted(shuffled(1, "x", "abc")) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    "question, good, bad",
+    [
+        (choice("q", "?", "yes", "no", keys="yn"), "yes", ["y", 1, None]),
+        (rating("q", "?", "smooth", "rough"), 7, [0, 8, 3.0, True, "3"]),
+        (ranking("q", "?", "A", "B", "C"), ["C", "A", "B"], [["A", "B"], ["A", "A", "B"], "ABC"]),
+        (places("q", "?", 2), [[0.1, 0.2]], [[[0, 1], [1, 2], [2, 3]], [[1]], [["a", "b"]], [[float("nan"), 0.0]]]),
+    ],
+)
+def test_answers_are_held_against_their_question(question, good, bad):
+    question.check(good)
+    for value in bad:
+        with pytest.raises(BadValue, match="q: .* is no answer; answer "):
+            question.check(value)
+
+
+def test_questions_and_tasks_that_make_no_sense():
+    with pytest.raises(BadValue, match="one key for each"):
+        choice("q", "?", "a", "b", keys="x")
+    with pytest.raises(BadValue, match="two stimuli"):
+        Identify("c", "q", {"one": Stimulus("s")})
+    with pytest.raises(UnknownName, match="no stimulus 'blue'"):
+        Identify("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial("blue", 1, 0)
+    with pytest.raises(BadValue, match="twice"):
+        Listed(((PAIR, 1.0), (PAIR, 1.0)))
