@@ -8,8 +8,8 @@ import pytest
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
-from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.quest import Quest
+from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.squares import check_graeco_latin, graeco_latin
 from stimlib.experiments.streams import seed_of, stream
 from stimlib.experiments.tasks import Identify, Pair, Show
@@ -195,7 +195,7 @@ def test_quest_finds_the_mean_and_goes_on_from_its_state():
     while (trial := design.next(state)) is not None:
         trials.append(trial)
         state = design.update(state, says(trial, trial.level > 2.4))
-    assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} > {2.0, 2.5}
+    assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} == {2.0, 2.5}
     again = dc.replace(design, trials=11)  # nothing of it is known yet: as a resumed session has it
     cold = {k: v if k == "seed" else v[:9] for k, v in state.items()}
     assert again.next(cold) == trials[9]
