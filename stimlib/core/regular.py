@@ -162,6 +162,30 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
     return Path(path)
 
 
+def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = SinkError) -> int:
+    """A descriptor that keeps others from working in a folder, until it is closed or the process ends, however it ends.
+
+    Parameters
+    ----------
+    folder : path
+    busy : str
+        What is said where somebody else has it.
+    error : type
+        What is raised then.
+    """
+    import fcntl  # of Unix alone
+
+    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        raise error(busy) from None
+    except OSError:
+        pass  # a file system without locks
+    return fd
+
+
 def _reason(e: Exception) -> str:
     """Of the system; of a ValueError, a NUL or half a character in the name."""
     return getattr(e, "strerror", None) or str(e)

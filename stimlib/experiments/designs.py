@@ -80,7 +80,7 @@ class Staircase:
         Levels that are never passed; a step that would pass them ends on them.
     steps : tuple of float
         dB; the one after k reversals is ``steps[k]``, or the last.  By default 12 dB until five reversals, then 3 dB, as in
-        paper 000, section 2.2.
+        the UGrip paper, section 2.2.
     reversals : int
         It ends with this reversal.
     up, down : int
@@ -94,7 +94,7 @@ class Staircase:
 
     Examples
     --------
-    The staircase of paper 000, of somebody who feels every difference, in units of k0:
+    The staircase of the UGrip paper, of somebody who feels every difference, in units of k0:
 
     >>> from stimlib.experiments.designs import Staircase
     >>> from stimlib.experiments.tasks import Pair
@@ -261,7 +261,7 @@ class Interleaved:
 
     Examples
     --------
-    ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low": Staircase(task, (0.4, 0.5), bounds)})``: paper 000.
+    The UGrip paper: ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low": Staircase(task, (0.4, 0.5), bounds)})``.
     """
 
     tracks: Mapping[str, Design]
@@ -296,7 +296,7 @@ class Parts:
     ----------
     parts : dict of str to Design
     pause : float
-        Seconds of rest before each part but the first (000: 120).
+        Seconds of rest before each part but the first (the UGrip paper: 120).
     shuffle : bool
         In random order, each participant in their own; else as they are given.
 

@@ -51,7 +51,7 @@ class Timing:
 
 @dc.dataclass(frozen=True)
 class Cursor:
-    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (001, section 3.5: 1 Hz for 3 s)."""
+    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (Çaldıran's thesis, section 3.5)."""
 
     input: str
     amplitude: float

@@ -87,7 +87,7 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
 
 
 def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
-    """A number from 1 (low) to most (high), such as an adjective pair of thesis 003, section 4.3.
+    """A number from 1 (low) to most (high), such as an adjective pair of the touch-screen thesis, section 4.3.
 
     Examples
     --------

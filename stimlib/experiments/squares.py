@@ -51,7 +51,7 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
 
     Examples
     --------
-    The references and permutations of four participants (as 001, table 3.1, with another square):
+    The references and permutations of four participants (as in Çaldıran's thesis, table 3.1, with another square):
 
     >>> from stimlib.experiments.squares import graeco_latin
     >>> for row in graeco_latin(4):
@@ -82,7 +82,7 @@ def check_graeco_latin(square: ArrayLike) -> None:
 
     Examples
     --------
-    Table 3.1 of thesis 001 is one:
+    Table 3.1 of Çaldıran's thesis is one:
 
     >>> from stimlib.experiments.squares import check_graeco_latin
     >>> table = "bA gD zB tC", "gB bC tA zD", "zC tB bD gA", "tD zA gC bB"

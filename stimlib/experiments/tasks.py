@@ -25,7 +25,7 @@ class Task(Protocol):
 
 @dc.dataclass(frozen=True)
 class Pair:
-    """Sequential two-alternative forced choice: a standard and a comparison, in random order (000, section 2.2).
+    """Sequential two-alternative forced choice: a standard and a comparison, in random order (the UGrip paper, section 2.2).
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Pair:
 
 @dc.dataclass(frozen=True)
 class Identify:
-    """One-interval two-alternative forced choice: which of two known stimuli was that (001, section 3.1)?
+    """One-interval two-alternative forced choice: which of two known stimuli was that (Çaldıran's thesis, section 3.1)?
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Identify:
 
 @dc.dataclass(frozen=True)
 class Show:
-    """A stimulus and questions about it: ratings (003), nodules to find, to place or to rank (002).
+    """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to find and to rank (Li et al. 2016).
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ in a log, put through ``update`` one after the other, give the state in which a 
 from __future__ import annotations
 
 import dataclasses as dc
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -141,17 +141,17 @@ class Record:
     trial : Trial
         As it was asked for.
     answer : Answer
-    displayed : dict
-        What came out: the intervals in samples, what the sink reports (delivered, lost, limited), the session's log.
-    started : str
-        Date and time.
+    displayed : list of dict
+        What came out, each time that it was displayed: see `stimlib.experiments.present.present`.
+    ended : str
+        Date and time of the answer, ISO 8601, UTC.
     """
 
     number: int
     trial: Trial
     answer: Answer
-    displayed: Mapping[str, Any] = dc.field(default_factory=dict)
-    started: str = ""
+    displayed: Sequence[Mapping[str, Any]] = ()
+    ended: str = ""
 
     @property
     def outcome(self) -> Any:

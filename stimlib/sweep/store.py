@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -67,7 +66,8 @@ class Store:
 
     def __enter__(self) -> Self:
         if self.folder is not None:
-            self._lock = _locked(self.folder)
+            busy = f"another sweep is writing into {self.folder}: wait for its end, or name another folder"
+            self._lock = regular.lock(self.folder, busy)
             try:
                 self._open(self.folder)
             except BaseException:
@@ -152,19 +152,6 @@ class Store:
             regular.publish(self.folder / _name(data), data)
             self._waiting.clear()
         self._written = time.monotonic()
-
-
-def _locked(folder: Path) -> int:
-    """A descriptor that keeps others from writing into a folder, until it is closed or the process ends."""
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(fd)
-        raise SinkError(f"another sweep is writing into {folder}: wait for its end, or name another folder") from None
-    except OSError:
-        pass  # a file system without locks
-    return fd
 
 
 def _name(data: bytes) -> str:

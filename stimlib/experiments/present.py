@@ -1,0 +1,294 @@
+"""A trial on a sink: its intervals as one program, to the sample, and what came out of it.
+
+A stimulus of an interval is its scene times a window. Parameters that differ between the intervals of one scene follow a
+timeline, which changes them while nothing is displayed. So a trial is one scene with one log, on any sink, with a hand that
+moves as it likes; it is replayed and verified like any other session.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks import timeline, white_noise
+from ..core.graph import Block, Enabled, Param, reach, signals
+from ..core.scene import Scene
+from ..devices.null import NullSink
+from ..devices.sink import Sink
+from ..errors import BadValue, SceneError, UnknownName
+from ..files.log import LogWriter, header
+from ..files.replay import delivered
+from ..files.session import read_log
+from ..run.safety import Safety
+from .experiment import Experiment
+from .trial import Stimulus, Trial
+
+MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
+
+
+# The program ---------------------------------------------------------------------------------------------------------
+def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
+    """First sample of each interval, and the one after its last.
+
+    Before the first there are ``timing.before`` s and the sink's fade, so that no stimulus is faded by anything else.
+
+    Examples
+    --------
+    See `program`.
+    """
+    t, fs = experiment.timing, experiment.fs
+    first = round(t.before * fs) + _safety(experiment).samples(fs)
+    long, apart = round(t.interval * fs), round(t.gap * fs)
+    return [(at, at + long) for at in range(first, first + len(trial.stimuli) * (long + apart), long + apart)][
+        : len(trial.stimuli)
+    ]
+
+
+def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
+    """A trial as one scene, and the parameters that it is to start with.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    trial : Trial
+
+    Returns
+    -------
+    scene : Scene
+        The outputs of the trial's scenes, each 0 outside of its intervals; and the masking noise, if there is any.
+    params : dict of str to float
+        Those that do not change during the trial.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        A trial that the experiment does not allow (``Experiment.check``); stimuli with different seeds.
+    SceneError
+        A parameter that differs between the intervals and stands inside ``enabled``.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.experiments.experiment import Experiment, Timing
+    >>> from stimlib.experiments.present import program, spans
+    >>> from stimlib.experiments.questions import choice
+    >>> from stimlib.experiments.trial import Stimulus, Trial
+    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
+    >>> pair = Experiment("pair", "1", {"spring": spring}, None, (choice("softer", "?", "first", "second"),), fs=1000,
+    ...     safety=10.0, timing=Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0))
+    >>> trial = Trial("a", (Stimulus("spring", {"k": 1.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
+    >>> spans(pair, trial)  # the fade of the sink comes first
+    [(128, 228), (278, 378)]
+    >>> scene, params = program(pair, trial)
+    >>> force = stimlib.render(scene, {"x": lambda t: 1.0 + 0 * t}, fs=1000, seconds=0.4, params=params)["force"]
+    >>> force[[127, 128, 227, 228, 277, 278, 377, 378]].tolist()
+    [0.0, 1.0, 1.0, 0.0, 0.0, 3.0, 3.0, 0.0]
+    """
+    experiment.check(trial)
+    if len({s.seed for s in trial.stimuli}) != 1:
+        raise BadValue(f"condition {trial.condition!r}: the stimuli of one trial must have one seed, they are one run")
+    at = [(a / experiment.fs, b / experiment.fs) for a, b in spans(experiment, trial)]
+    outputs: dict[str, Block] = {}
+    start: dict[str, float] = {}
+    for name in dict.fromkeys(s.scene for s in trial.stimuli):
+        mine = [(span, s) for span, s in zip(at, trial.stimuli, strict=True) if s.scene == name]
+        scene, params = _following(experiment.scenes[name], mine)
+        window = timeline(_window([span for span, _ in mine], experiment.timing.ramp), "cosine")
+        for output, block in scene.outputs.items():
+            y = window * block
+            outputs[output] = outputs[output] + y if output in outputs else y
+        for param, value in params.items():
+            if start.setdefault(param, value) != value:
+                raise BadValue(f"condition {trial.condition!r}: the parameter {param!r} of two scenes differs: name them apart")
+    if m := experiment.masking:
+        outputs[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
+    return Scene(outputs), start
+
+
+def _window(at: list[tuple[float, float]], ramp: float) -> list[tuple[float, float]]:
+    """0, and 1 in the intervals, with ramps within them."""
+    return [p for a, b in at for p in ((a, 0.0), (a + ramp, 1.0), (b - ramp, 1.0), (b, 0.0))]
+
+
+def _following(scene: Scene, mine: list[tuple[tuple[float, float], Stimulus]]) -> tuple[Scene, dict[str, float]]:
+    """The scene with parameters that change where an interval has ended, and those that do not change."""
+    told = [{n: float(s.params.get(n, p.value)) for n, p in scene.params.items()} for _, s in mine]
+    changing = [n for n in scene.params if len({t[n] for t in told}) > 1]
+    start = {n: v for n, v in told[0].items() if n not in changing and v != scene.params[n].value}
+    if not changing:
+        return scene, start
+    ends = [0.0, *(b for (_, b), _ in mine[:-1])]
+    new: dict[int, Block] = {}
+    for b in reach(scene.outputs.values()):
+        if isinstance(b, Param) and b.name in changing:
+            new[id(b)] = timeline([(at, t[b.name]) for at, t in zip(ends, told, strict=True)], "step", b.unit)
+        elif isinstance(b, Enabled) and (inside := {p.name for p in reach([b.block]) if isinstance(p, Param)} & {*changing}):
+            raise SceneError(
+                f"the parameter {min(inside)!r} differs between the intervals of a trial and stands inside enabled(..), whose "
+                "clock is its own: multiply after the gate"
+            )
+        else:
+            new[id(b)] = dc.replace(b, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
+    return Scene({name: new[id(b)] for name, b in scene.outputs.items()}), start
+
+
+def _safety(experiment: Experiment) -> Safety:
+    s = experiment.safety
+    return s if isinstance(s, Safety) else Safety(s)
+
+
+def _protection(experiment: Experiment, scene: Scene) -> Safety:
+    """The experiment's safety, with a full scale of 1 for the masking noise."""
+    s, m = _safety(experiment), experiment.masking
+    if m is None:
+        return s
+    rest = [name for name in scene.outputs if name != m.output]
+    scale = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
+    slew = dict.fromkeys(rest, s.slew) if isinstance(s.slew, float) else s.slew
+    return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
+
+
+# Sinks by name -------------------------------------------------------------------------------------------------------
+def _offline(scene: Scene, safety: Safety, **options: Any) -> Sink:
+    return NullSink(scene, safety, clocked=False, **options)
+
+
+def _jack(scene: Scene, safety: Safety, **options: Any) -> Sink:
+    from ..devices.jack import JackSink
+
+    return JackSink(scene, safety, **options)
+
+
+def _portaudio(scene: Scene, safety: Safety, **options: Any) -> Sink:
+    from ..devices.portaudio import PortAudioSink
+
+    return PortAudioSink(scene, safety, **options)
+
+
+SINKS: dict[str, Callable[..., Sink]] = {
+    "null": NullSink,
+    "offline": _offline,
+    "file": _offline,
+    "jack": _jack,
+    "portaudio": _portaudio,
+}
+"""What makes a sink of a scene and its safety; "offline" runs as fast as it goes, "file" also keeps delivered.caf in the log."""
+
+
+def present(
+    experiment: Experiment, trial: Trial, sink: str = "offline", log: str | os.PathLike[str] | None = None, **options: Any
+) -> dict[str, Any]:
+    """Display a trial once, with the safety stage as always.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    trial : Trial
+    sink : str
+        Name in ``SINKS``.
+    log : path, optional
+        Folder for the log of this presentation; needed for what was displayed.
+    **options
+        More for the sink, such as ``server`` of JACK.
+
+    Returns
+    -------
+    dict
+        JSON data: ``sink``, ``fs``, ``scene`` (hash of the program), ``seed``, ``params`` at its start, ``intervals`` (first
+        sample and the one after the last), what the sink reports (``produced``, ``delivered``, ``lost``, ``underruns``,
+        ``clips``, ``faults``, ``stale``); with a log its name, and ``peak`` and ``rms`` of each output in each interval as they
+        were delivered, after all limits; with a cursor ``following``, see `followed`.
+
+    Raises
+    ------
+    UnknownName
+        No sink of this name.
+    SinkError, FaultError
+        The device is missing or has failed, the log cannot be written, or an output was not finite; the sink has faded out.
+    """
+    if sink not in SINKS:
+        raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
+    scene, params = program(experiment, trial)
+    safety, seed = _protection(experiment, scene), trial.stimuli[0].seed
+    at, to = spans(experiment, trial), None
+    if log is not None:
+        Path(log).parent.mkdir(parents=True, exist_ok=True)
+        to = log if sink != "file" else LogWriter(log, header(scene, safety, experiment.fs, seed=seed, params=params), True)
+    with SINKS[sink](scene, safety, motion=experiment.motion, seed=seed, params=params, log=to, **options) as playing:
+        playing.open(experiment.fs)
+        playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
+        playing.wait()
+    told = {k: v for k, v in playing.report().to_dict().items() if k not in ("block_time", "latency", "unlogged", "skipped")}
+    shown = {"sink": sink, "fs": experiment.fs, "scene": scene.hash, "seed": seed, "params": params, "intervals": at, **told}
+    return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
+
+
+# What came out -------------------------------------------------------------------------------------------------------
+def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]) -> dict[str, Any]:
+    """Peak and RMS of each output in each interval, of the samples that the log says were delivered, in the outputs' units.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    folder : path
+        Of a log.
+    at : list of (int, int)
+        As `spans` has them.
+    """
+    log = read_log(folder)
+    scales = log.safety.scales(log.outputs)
+    peak, power = np.zeros((2, len(at), len(scales)))
+    for first, frames, there in delivered(log):
+        for i, (a, b) in enumerate(at):
+            part = frames[max(a - first, 0) : max(b - first, 0)].astype(np.float64) * scales * there
+            if len(part):
+                peak[i] = np.maximum(peak[i], np.abs(part).max(axis=0))
+                power[i] += (part**2).sum(axis=0) / (b - a)
+    found: dict[str, Any] = {
+        what: {name: values[:, k].tolist() for k, name in enumerate(log.outputs)}
+        for what, values in (("peak", peak), ("rms", np.sqrt(power)))
+    }
+    if experiment.cursor is not None and experiment.cursor.input in log.inputs:
+        k = log.inputs.index(experiment.cursor.input)
+        found["following"] = [followed(log.motion[a:b][:, k], experiment.cursor, log.fs) for a, b in at]
+    return found
+
+
+def followed(x: NDArray[np.float64], cursor: Any, fs: float) -> dict[str, float]:
+    """How well a hand followed the reference, by least squares of a sine and a cosine of its frequency and a constant.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position, from the moment on at which the reference began.
+    cursor : Cursor
+    fs : float
+        Hz.
+
+    Returns
+    -------
+    dict of str to float
+        ``gain``: amplitude relative to the reference; ``lag`` in s, positive behind it; ``error``: RMS of the distance to it,
+        in the unit of x.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.experiment import Cursor
+    >>> from stimlib.experiments.present import followed
+    >>> t = np.arange(3000) / 1000
+    >>> {k: round(v, 6) for k, v in followed(0.009 * np.sin(2 * np.pi * (t - 0.05)), Cursor("x", 0.01), 1000).items()}
+    {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
+    """
+    t = np.arange(len(x)) / fs
+    w = 2 * np.pi * cursor.frequency
+    waves = np.stack([np.sin(w * t), np.cos(w * t), np.ones_like(t)], axis=1)
+    (s, c, _), *_ = np.linalg.lstsq(waves, x)
+    error = float(np.sqrt(np.mean((x - cursor.amplitude * waves[:, 0]) ** 2)))
+    return {"gain": float(np.hypot(s, c) / cursor.amplitude), "lag": float(np.arctan2(-c, s) / w), "error": error}

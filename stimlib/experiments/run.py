@@ -1,0 +1,146 @@
+"""Running a session: what happens around its trials, with a face that talks to the participant.
+
+The face is the only part that knows a keyboard, a page or a simulated observer.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .experiment import Experiment
+from .present import present
+from .questions import Question
+from .session import Session
+from .streams import seed_of, stream
+from .trial import Answer, Observer, Record, Stimulus, Trial
+
+Show = Callable[[Trial, Path], dict[str, Any]]
+"""Displays a trial, with a folder for the log; what came out."""
+
+
+class Face(Protocol):
+    """What a participant sees and does."""
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+
+    def rest(self, seconds: float) -> None:
+        """Wait so long; it cannot be cut short."""
+
+    def ready(self, text: str) -> None:
+        """Wait until the participant wants to go on."""
+
+    def pick(self, names: list[str]) -> str | None:
+        """One of the stimuli to get familiar with, or None to begin."""
+
+    def ask(self, trial: Trial, question: Question, replays: int) -> Any:
+        """The answer; None to have the stimuli once more, where replays are left."""
+
+
+def run(session: Session, face: Face, sink: str | Show = "offline", **options: Any) -> None:
+    """All trials that are left of a session that is open.
+
+    Parameters
+    ----------
+    session : Session
+        Opened by ``with``.
+    face : Face
+    sink : str or callable
+        Name of a sink, see `stimlib.experiments.present.SINKS`, or what displays a trial itself: ``sink(trial, folder) -> dict``.
+    **options
+        More for the sink.
+
+    Raises
+    ------
+    SinkError, FaultError
+        The device has failed, or the disk is full; all answers so far are kept, and the session can be resumed.
+
+    Examples
+    --------
+    See ``docs/howto/experiments.rst``.
+    """
+    e = session.experiment
+
+    def show(trial: Trial, name: str) -> dict[str, Any]:
+        folder = next(f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists())
+        return present(e, trial, sink, folder, **options) if isinstance(sink, str) else sink(trial, folder)
+
+    if (trial := session.due()) is None:
+        return
+    if e.instructions:
+        face.tell(e.instructions)
+    _familiarise(e, session.seed, trial, face, show)
+    while (trial := session.due()) is not None:
+        if (seconds := session.rest(trial)) > 0:
+            face.rest(seconds)
+        face.ready(f"trial {session.number}" + (", for training" if trial.training else ""))
+        record = _one(session, trial, face, show)
+        if e.feedback and trial.correct:
+            face.tell("right" if all(record.answer.values[k] == v for k, v in trial.correct.items()) else "wrong")
+    face.tell("That was the last one. Thank you.")
+
+
+def _familiarise(e: Experiment, seed: int, due: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> None:
+    """Stimuli at will, before the first trial and where a session is resumed; nothing of it counts."""
+    for n in count():
+        name = face.pick(list(e.familiarisation)) if e.familiarisation else None
+        if name is None:
+            return
+        known = e.familiarisation[name]
+        stimulus = Stimulus(known.scene, known.params, seed_of(seed, "familiarisation", n), name)
+        show(Trial("familiarisation", (stimulus,), due.questions), "familiarisation")
+
+
+def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> Record:
+    """A trial: displayed, asked about, displayed once more where that is wanted and allowed, and written."""
+    name_of_log = f"trial-{session.number:04}"
+    shown = [show(trial, name_of_log)]
+    began = time.monotonic()
+    values: dict[str, Any] = {}
+    for name in trial.questions:
+        question = session.experiment.question(name)
+        while (value := face.ask(trial, question, session.experiment.replays - len(shown) + 1)) is None:
+            if len(shown) <= session.experiment.replays:
+                shown.append(show(trial, name_of_log))
+                began = time.monotonic()
+        values[name] = value
+    return session.put(Answer(values, round(time.monotonic() - began, 3), len(shown) - 1), shown)
+
+
+class Simulated:
+    """The face of an observer who answers by itself and needs no rest; see `stimlib.experiments.trial.Observer`.
+
+    Parameters
+    ----------
+    session : Session
+    observer : callable
+        ``observer(trial, rng) -> Answer``; its draws for a trial depend on the session's seed and the trial's number alone, so
+        that a session that was resumed goes on as it would have.
+    """
+
+    def __init__(self, session: Session, observer: Observer):
+        self._session, self._observer = session, observer
+
+    def tell(self, text: str) -> None:
+        """Nobody reads it."""
+
+    def rest(self, seconds: float) -> None:
+        """No time passes."""
+
+    def ready(self, text: str) -> None:
+        """Always."""
+
+    def pick(self, names: list[str]) -> str | None:
+        """Knows all of them."""
+        return None
+
+    def ask(self, trial: Trial, question: Question, replays: int) -> Any:
+        """What the observer answers to that question."""
+        rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
+        return self._observer(trial, rng).values[question.name]

@@ -1,0 +1,213 @@
+"""Reading sessions: what was answered, checked line by line; and what of it the experimenter may know."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from ..core import fields, regular
+from ..errors import BadValue, SinkError, StimlibError, shown
+from .streams import seed_of
+from .trial import Answer, Record, Trial
+
+VERSION = 1
+_HEADER = {
+    "stimlib_experiment": fields.whole(10**6),
+    "experiment": fields.table,
+    "participant": fields.text,
+    "session": fields.whole(10**6),
+    "pilot": fields.Test("true or false", lambda v: isinstance(v, bool)),
+    "seed": fields.whole(2**53),
+    "started": fields.text,
+}
+_LINE = {
+    "number": fields.whole(10**9),
+    "pilot": _HEADER["pilot"],
+    "trial": fields.table,
+    "answer": fields.table,
+    "displayed": fields.list_of(fields.table),
+    "ended": fields.text,
+    "chain": fields.text,
+}
+
+
+def blinded(seed: int, name: str) -> str:
+    """What an experimenter sees in place of a condition: a letter and digits that differ from session to session.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.session import blinded
+    >>> blinded(1, "vibration"), blinded(2, "vibration")
+    ('c6513', 'c6261')
+    """
+    return f"c{seed_of(seed, 'blind', name) % 10000:04}"
+
+
+def folder_of(experiment: str, data: str | os.PathLike[str], participant: str, session: int = 1, pilot: bool = False) -> Path:
+    """Where a session is kept.
+
+    Raises
+    ------
+    BadValue
+        A participant that is no code of letters and digits, such as P07: names of people do not belong into data; a session
+        below 1; an experiment's name that is no name of a folder.
+    """
+    if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
+        raise BadValue(f"participant {participant!r} must be a code, up to four letters and a number such as P07, and no name")
+    if isinstance(session, bool) or not isinstance(session, int) or not 1 <= session < 10**6:
+        raise BadValue(f"session = {session!r} must be a whole number from 1 on")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}", experiment):
+        raise BadValue(f"experiment {experiment!r}: its name must be letters, digits, - and _: it is the name of a folder")
+    return Path(data) / experiment / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
+
+
+def sealed(before: str, body: Mapping[str, Any]) -> tuple[str, str]:
+    """A line, and the SHA-256 of it and all before."""
+    text = json.dumps(body, allow_nan=False, sort_keys=True)
+    chain = hashlib.sha256((before + text).encode()).hexdigest()
+    return f'{text[:-1]}, "chain": "{chain}"}}', chain
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A session as it is on the disk.
+
+    Attributes
+    ----------
+    folder : Path
+    header : dict
+        session.json.
+    records : list of Record
+    size : int
+        Bytes of whole lines.
+    chain : str
+        The last line's.
+    """
+
+    folder: Path
+    header: dict[str, Any]
+    records: list[Record]
+    size: int
+    chain: str
+
+    @property
+    def data(self) -> list[Record]:
+        """The trials that count: those that are no training."""
+        return [r for r in self.records if not r.trial.training]
+
+
+def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
+    """A session from its folder, also while it runs or after it was killed.
+
+    Parameters
+    ----------
+    folder : path
+    pilot : bool
+        Whether a pilot is wanted.
+
+    Returns
+    -------
+    Saved
+
+    Raises
+    ------
+    SinkError
+        No session; a line that was edited, is missing or is damaged: file and line are named.
+    BadValue
+        A pilot where data are wanted, or data where a pilot is.
+    """
+    folder = Path(folder)
+    if not os.path.lexists(folder / "session.json"):
+        raise SinkError(f"{folder} is no session of an experiment: there is no session.json")
+    raw = regular.read(folder / "session.json", "sidecar_bytes")
+    try:
+        header = fields.parse(raw)
+        fields.require(header, _HEADER)
+        if header["stimlib_experiment"] != VERSION:
+            raise ValueError(f"version {header['stimlib_experiment']}, this stimlib reads {VERSION}: update stimlib")
+    except ValueError as e:
+        raise SinkError(f"{folder / 'session.json'}: {e}") from e
+    if header["pilot"] != pilot:
+        raise BadValue(f"{folder} is {'a pilot, and no data' if header['pilot'] else 'no pilot, but data'}")
+    records, size, chain = _lines(folder / "trials.jsonl", hashlib.sha256(raw).hexdigest(), pilot)
+    return Saved(folder, header, records, size, chain)
+
+
+def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]:
+    """Records, bytes of whole lines, the last seal."""
+    records: list[Record] = []
+    size = 0
+    data = regular.read(path, "events_bytes") if os.path.lexists(path) else b""
+    for number, line in enumerate(data.splitlines(keepends=True), 1):
+        if not line.endswith(b"\n"):
+            break  # of a process that was killed
+        try:
+            body = fields.parse(line)
+            fields.require(body, _LINE)
+            told = body.pop("chain")
+            if sealed(chain, body)[1] != told or body["number"] != number or body["pilot"] != pilot:
+                raise ValueError("it is not as it was written: this line or one before was edited or removed")
+            trial, answer = Trial.from_dict(body["trial"]), Answer(**body["answer"])
+            datetime.fromisoformat(body["ended"])
+            records.append(Record(number, trial, answer, body["displayed"], body["ended"]))
+        except StimlibError:
+            raise
+        except (ValueError, TypeError, KeyError) as e:
+            raise SinkError(f"{path}, line {number}: {shown(e)}") from e
+        chain, size = told, size + len(line)
+    return records, size, chain
+
+
+def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False) -> list[Saved]:
+    """All sessions of an experiment, data or pilots, by the names of their folders.
+
+    Parameters
+    ----------
+    experiment : str
+        Its name.
+    data : path
+    pilot : bool
+
+    Raises
+    ------
+    SinkError, BadValue
+        As `read`; sessions of different definitions.
+    """
+    folders = sorted(p.parent for p in (Path(data) / experiment).glob("*/session.json"))
+    found = [read(p, pilot) for p in folders if p.name.startswith("PILOT-") == pilot]
+    if len({s.header["experiment"].get("key") for s in found}) > 1:
+        raise BadValue(f"{Path(data) / experiment} has sessions of different versions of the experiment: analyse each by itself")
+    return found
+
+
+def status(saved: Saved) -> dict[str, Any]:
+    """What the experimenter may know of a session: how far it is, its conditions blinded.
+
+    Returns
+    -------
+    dict
+        ``participant``, ``session``, ``pilot``, ``trials``, ``training``, ``conditions`` (trials by blinded name), ``replays``,
+        ``lost`` samples, ``limited`` samples, ``last`` (date and time).
+    """
+    counts: dict[str, int] = {}
+    for r in saved.records:
+        name = blinded(saved.header["seed"], r.trial.condition)
+        counts[name] = counts.get(name, 0) + 1
+    shown_once = [d for r in saved.records for d in r.displayed]
+    return {
+        **{k: saved.header[k] for k in ("participant", "session", "pilot")},
+        "trials": len(saved.records),
+        "training": len(saved.records) - len(saved.data),
+        "conditions": dict(sorted(counts.items())),
+        "replays": sum(r.answer.replays for r in saved.records),
+        "lost": sum(d.get("lost", 0) for d in shown_once),
+        "limited": sum(n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()),
+        "last": saved.records[-1].ended if saved.records else "",
+    }

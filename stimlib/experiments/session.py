@@ -1,0 +1,256 @@
+"""The log of a session: one line a trial, on the disk before the next stimulus; reading it gives the state again.
+
+A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the name if it is none of the data:
+
+``session.json``
+    experiment, participant, number of the session, seed, versions; written once
+``trials.jsonl``
+    one JSON object a trial: the trial as asked for, the answer, what was displayed, and a SHA-256 over this line and all before
+``trial-0001-1.stimlog``
+    the sink's log of what was displayed, for `stimlib.files.replay`
+``spare``
+    while the session is open: room for one answer more on a disk that gets full
+
+A trial counts when its answer is written. Whatever else a killed process leaves is dropped, and that trial comes once more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import Any, Self
+
+from ..core import regular
+from ..errors import BadValue, SinkError
+from ..version import __version__
+from .experiment import Experiment
+from .saved import VERSION, Saved, blinded, folder_of, read, sealed
+from .trial import Answer, Record, Trial
+
+SPARE = 65536  # bytes; the line of a trial has about 2000
+
+
+class Session:
+    """A participant's session that is running: what is due, and what was answered.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    data : path
+        Folder for all data.
+    participant : str
+        A code such as "P07".
+    session : int
+        From 1 on.
+    pilot : bool
+        None of the data: its folder is called PILOT-.., each of its lines says so, and `read` refuses it.
+    resume : bool
+        Go on with a session that was left; otherwise there must be none.
+
+    Raises
+    ------
+    BadValue
+        No code; a session that is there already, or is not; a log of another experiment, version or definition.
+    SinkError
+        Another process has this session; a log that was edited or is damaged; the folder cannot be written.
+
+    Examples
+    --------
+    See ``docs/howto/experiments.rst``.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        data: str | os.PathLike[str],
+        participant: str,
+        session: int = 1,
+        pilot: bool = False,
+        resume: bool = False,
+    ):
+        self.experiment, self.participant, self.session, self.pilot = experiment, participant, session, pilot
+        self.folder = folder_of(experiment.name, data, participant, session, pilot)
+        self.design = experiment.designed(participant, session)
+        self.seed = experiment.seeded(participant, session)
+        self._resume, self._file, self._lock = resume, -1, -1
+
+    def __enter__(self) -> Self:
+        there = os.path.lexists(self.folder / "session.json")
+        if there and not self._resume:
+            raise BadValue(f"{self.folder} is there already: resume it, or give another session; data are never overwritten")
+        if self._resume and not there:
+            raise BadValue(f"there is no session {self.folder} to resume: run it first")
+        regular.make_folder(self.folder)
+        busy = f"another run has the session {self.folder}: one participant cannot be in two at once"
+        self._lock = regular.lock(self.folder, busy)
+        try:
+            self._open()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        with suppress(OSError):
+            os.unlink(self.folder / "spare")
+        for fd in (self._file, self._lock):
+            if fd >= 0:
+                os.close(fd)
+        self._file = self._lock = -1
+
+    def _open(self) -> None:
+        if not self._resume:
+            text = json.dumps(self._header(), indent=1, allow_nan=False) + "\n"
+            regular.publish(self.folder / "session.json", text)
+        saved = read(self.folder, pilot=self.pilot)
+        self._same(saved)
+        self.state = self.design.init(self.seed)
+        for record in saved.records:
+            self._replay(record)
+        path = self.folder / "trials.jsonl"
+        self._file = regular.opened(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        os.ftruncate(self._file, saved.size)  # what a killed process had begun to write
+        os.fsync(self._file)
+        regular.settle(self.folder)
+        self._size, self._chain = saved.size, saved.chain
+        self.records = list(saved.records)
+
+    def _header(self) -> dict[str, Any]:
+        return {
+            "stimlib_experiment": VERSION,
+            "stimlib": __version__,
+            "experiment": self.experiment.facts(),
+            "participant": self.participant,
+            "session": self.session,
+            "pilot": self.pilot,
+            "seed": self.seed,
+            "started": _now(),
+        }
+
+    def _same(self, saved: Saved) -> None:
+        """The log must be of this experiment, as it is defined now."""
+        told, mine = saved.header, json.loads(json.dumps(self._header()))
+        wrong = [k for k in ("participant", "session", "pilot", "seed") if told[k] != mine[k]]
+        a, b = told["experiment"], mine["experiment"]
+        wrong += [f"experiment.{k}" for k in b if k != "key" and a.get(k) != b[k]]
+        if wrong or a.get("key") != b["key"]:
+            raise BadValue(
+                f"{self.folder} belongs to another experiment or version: {', '.join(wrong) or 'its key'} differs. Go on with "
+                "the definition that it began with, or give another session"
+            )
+
+    def _replay(self, record: Record) -> None:
+        trial = self.design.next(self.state)
+        if trial is None or json.loads(json.dumps(trial.to_dict())) != record.trial.to_dict():
+            raise BadValue(
+                f"{self.folder / 'trials.jsonl'}, line {record.number}: the design gives another trial there: the experiment, "
+                "stimlib or numpy was changed since. Go on with what it began with, or give another session"
+            )
+        self.state = self.design.update(self.state, record.answer)
+
+    # What a runner does -------------------------------------------------------------------------------------------------
+    @property
+    def number(self) -> int:
+        """Of the trial that is due, from 1 on."""
+        return len(self.records) + 1
+
+    def due(self) -> Trial | None:
+        """The next trial, or None at the end.
+
+        Raises
+        ------
+        BadValue, UnknownName
+            A trial that the experiment does not allow, such as beyond its bounds.
+        SinkError
+            The disk has no room for its answer.
+        """
+        trial = self.design.next(self.state)
+        if trial is not None:
+            self.experiment.check(trial)
+            self._make_room()
+        return trial
+
+    def rest(self, trial: Trial) -> float:
+        """Seconds of the pause before a trial that are still to go, also where the session was left meanwhile."""
+        wanted = max(trial.pause, self.experiment.timing.pause)
+        if not self.records or wanted <= 0:
+            return 0.0
+        passed = (datetime.now(UTC) - datetime.fromisoformat(self.records[-1].ended)).total_seconds()
+        return min(max(wanted - passed, 0.0), wanted)
+
+    def put(self, answer: Answer, displayed: Sequence[Mapping[str, Any]] = ()) -> Record:
+        """Take the answer to the trial that is due; it is on the disk when this returns.
+
+        Raises
+        ------
+        BadValue
+            A question that is not answered, or with no answer of its kind; nothing is written then.
+        SinkError
+            It cannot be written.
+        """
+        trial = self.design.next(self.state)
+        if trial is None:
+            raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
+        for name in trial.questions:
+            if name not in answer.values:
+                raise BadValue(f"the question {name!r} is not answered: {dict(answer.values)!r:.80}")
+            self.experiment.question(name).check(answer.values[name])
+        state = self.design.update(self.state, answer)
+        record = Record(self.number, trial, answer, list(displayed), _now())
+        self._append(record)
+        self.state = state
+        self.records.append(record)
+        return record
+
+    def blind(self, trial: Trial) -> str:
+        """What may be shown of a trial's condition."""
+        return blinded(self.seed, trial.condition)
+
+    # The disk -----------------------------------------------------------------------------------------------------------
+    def _make_room(self) -> None:
+        spare = self.folder / "spare"
+        if not spare.is_file():
+            try:
+                regular.publish(spare, os.urandom(SPARE))  # of zeros a file system may keep nothing
+            except SinkError as e:
+                raise SinkError(
+                    f"{e}: there is no room for an answer, so no stimulus is displayed. All answers so far are kept: free some "
+                    "space and resume"
+                ) from e
+
+    def _append(self, record: Record) -> None:
+        body = {"number": record.number, "pilot": self.pilot, "trial": record.trial.to_dict(), "answer": record.answer.to_dict()}
+        body |= {"displayed": list(record.displayed), "ended": record.ended}
+        text, chain = sealed(self._chain, body)
+        data = text.encode() + b"\n"
+        try:
+            try:
+                self._write(data)
+            except OSError:
+                with suppress(OSError):
+                    os.unlink(self.folder / "spare")
+                self._write(data)
+        except OSError as e:
+            raise SinkError(f"cannot write {self.folder / 'trials.jsonl'}: {e.strerror}; the answer is not kept") from e
+        self._size, self._chain = self._size + len(data), chain
+
+    def _write(self, data: bytes) -> None:
+        """All of it, and on the disk, or nothing."""
+        try:
+            done = 0
+            while done < len(data):
+                done += os.write(self._file, data[done:])
+            os.fsync(self._file)
+        except OSError:
+            os.ftruncate(self._file, self._size)
+            raise
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat()

@@ -1,0 +1,43 @@
+"""A small experiment for tests: a spring, a staircase of two tracks, and an observer."""
+
+import stimlib
+from stimlib.experiments.designs import Interleaved, Staircase
+from stimlib.experiments.experiment import Experiment, Timing
+from stimlib.experiments.questions import choice
+from stimlib.experiments.tasks import Pair
+from stimlib.experiments.trial import Answer, Stimulus
+
+SPRING = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
+TASK = Pair("silent", "softer", Stimulus("spring"), Stimulus("spring"), "k", asks_less=True)
+QUESTION = choice("softer", "Which one was softer?", "first", "second")
+
+
+def still(t):
+    """A hand that holds still at 1 m."""
+    return 1.0 + 0.0 * t
+
+
+def experiment(**other):
+    tracks = {
+        "high": Staircase(TASK, (4.0, 5.0), (0.5, 8.0), reversals=8),
+        "low": Staircase(TASK, (0.8, 1.0), (0.5, 8.0), reversals=8),
+    }
+    told = {
+        "name": "pair",
+        "version": "1",
+        "scenes": {"spring": SPRING},
+        "design": Interleaved(tracks),
+        "questions": (QUESTION,),
+        "fs": 1000.0,
+        "safety": 10.0,
+        "bounds": {"k": (0.5, 8.0)},
+        "motion": {"x": still},
+        "timing": Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0),
+    }
+    return Experiment(**(told | other))
+
+
+def observer(trial, rng):
+    """Somebody who feels k with an error of 0.5."""
+    felt = [s.params.get("k", 2.0) + 0.5 * rng.normal() for s in trial.stimuli]
+    return Answer({"softer": "first" if felt[0] < felt[1] else "second"})

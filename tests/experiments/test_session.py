@@ -1,0 +1,421 @@
+"""Sessions: presented to the sample, logged line by line, resumed after any end, and refused where something was changed."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from experiments.some import QUESTION, SPRING, TASK, experiment, observer, still
+
+import stimlib
+import stimlib.experiments.streams
+from stimlib.errors import BadValue, SceneError, SinkError, UnknownName
+from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
+from stimlib.experiments.present import present, program, spans
+from stimlib.experiments.questions import rating
+from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.saved import read, sessions, status
+from stimlib.experiments.session import Session
+from stimlib.experiments.tasks import Identify, Show
+from stimlib.experiments.trial import Answer, Stimulus, Trial
+from stimlib.files.replay import replay
+from stimlib.files.session import read_log
+
+
+def nothing(trial, folder):
+    return {"lost": 0, "clips": {"clip": {"force": 2}}}
+
+
+def simulate(data, made=None, **options):
+    with Session(made or experiment(), data, "P01", **options) as session:
+        run(session, Simulated(session, observer), nothing)
+    return session
+
+
+def some(data, trials, made=None, **options):
+    """A session that was left after some trials."""
+    with Session(made or experiment(), data, "P01", **options) as session:
+        for _ in range(trials):
+            rng = stimlib.experiments.streams.stream(session.seed, "observer", session.number)
+            session.put(observer(session.due(), rng), [nothing(None, None)])
+    return session
+
+
+# Trials are scenes ---------------------------------------------------------------------------------------------------
+def pair(seed=0, **other):
+    return Trial("a", (Stimulus("spring", {"k": 1.0}, seed), Stimulus("spring", {"k": 3.0}, seed)), ("softer",), **other)
+
+
+def test_intervals_are_there_to_the_sample_and_nothing_between(tmp_path):
+    made = experiment()
+    shown = present(made, pair(seed=5), "file", tmp_path / "a.stimlog")
+    assert shown["intervals"] == [(128, 228), (278, 378)] and shown["delivered"] == shown["produced"] == 378 + 128
+    assert shown["peak"]["force"] == pytest.approx([1.0, 3.0], rel=1e-6) and shown["rms"]["force"] == pytest.approx(
+        [1.0, 3.0], rel=1e-6
+    )
+    log = read_log(tmp_path / "a.stimlog")
+    assert log.seed == 5 and replay(log).matches
+    assert (tmp_path / "a.stimlog" / "delivered.caf").stat().st_size > 4 * shown["delivered"]
+    force = stimlib.render(program(made, pair())[0], {"x": still}, fs=1000, seconds=0.5)["force"]
+    wanted = np.zeros(500)
+    wanted[128:228], wanted[278:378] = 1.0, 3.0
+    assert (force == wanted).all()
+
+
+def test_a_stimulus_is_its_own_rendering_bit_for_bit():
+    """In its interval, whatever the rate; ramps are within it."""
+    noisy = stimlib.Scene(
+        {"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m") * (1 + 0.1 * stimlib.blocks.white_noise(1))}
+    )
+    made = experiment(scenes={"spring": noisy}, fs=1234.5, timing=Timing(interval=0.1, gap=0.05, before=0.01, ramp=0.02))
+    trial, hand = pair(seed=9), {"x": lambda t: np.sin(40 * t)}
+    at, seconds = spans(made, trial), 0.6
+    whole = stimlib.render(program(made, trial)[0], hand, fs=made.fs, seconds=seconds, seed=9)["force"]
+    for (a, b), k in zip(at, (1.0, 3.0), strict=True):
+        alone = stimlib.render(noisy, hand, fs=made.fs, seconds=seconds, seed=9, params={"k": k})["force"]
+        inner = slice(a + 26, b - 26)
+        assert b - a == 123 and (whole[inner] == alone[inner]).all() and whole[a] == 0.0
+        assert 0.4 < abs(whole[a + 12] / alone[a + 12]) < 0.6
+    assert (whole[: at[0][0]] == 0).all() and (whole[at[0][1] : at[1][0]] == 0).all() and (whole[at[1][1] :] == 0).all()
+    assert at[1][0] - at[0][1] == round(0.05 * 1234.5)
+
+
+def test_two_scenes_in_one_trial():
+    other = stimlib.Scene({"force": stimlib.Param("c", 1.0, "N") * 1.0})
+    made = experiment(scenes={"spring": SPRING, "weight": other})
+    trial = Trial("a", (Stimulus("weight", {"c": 4.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
+    scene, params = program(made, trial)
+    force = stimlib.render(scene, {"x": still}, fs=1000, seconds=0.5, params=params)["force"]
+    assert params == {"c": 4.0, "k": 3.0} and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
+
+
+def test_a_parameter_inside_enabled_cannot_change_within_a_trial():
+    gated = stimlib.enabled(stimlib.Param("k", 2.0) * stimlib.blocks.white_noise(1), by=stimlib.Input("x") > 0.0)
+    made = experiment(scenes={"spring": stimlib.Scene({"force": gated})})
+    with pytest.raises(SceneError, match="'k' differs between the intervals.*inside enabled"):
+        program(made, pair())
+
+
+def test_limits_show_in_what_was_displayed(tmp_path):
+    shown = present(experiment(safety=2.5), pair(), "offline", tmp_path / "a.stimlog")
+    assert shown["peak"]["force"] == pytest.approx([1.0, 2.5], rel=1e-6) and shown["clips"]["clip"]["force"] == 100
+
+
+def test_masking_has_a_channel_of_its_own_and_a_cursor_is_followed(tmp_path):
+    hand = {"x": lambda t: 0.8 * np.sin(2 * np.pi * 10 * (t - 0.128) - 0.3)}
+    made = experiment(masking=Masking(rms=0.05), motion=hand, cursor=Cursor("x", 1.0, 10.0))
+    shown = present(made, pair(), "offline", tmp_path / "a.stimlog")
+    assert shown["rms"]["masking"] == pytest.approx([0.05, 0.05], rel=0.3)
+    assert shown["rms"]["force"] == pytest.approx([0.8 / 2**0.5, 3 * 0.8 / 2**0.5], rel=1e-5)
+    assert shown["following"][0]["gain"] == pytest.approx(0.8, abs=1e-9)
+    assert shown["following"][0]["lag"] == pytest.approx(0.3 / (20 * np.pi), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "trial, error, why",
+    [
+        (Trial("a", (Stimulus("spring", {"k": 9.0}),), ("softer",)), BadValue, "k = 9 is beyond its bounds, 0.5 to 8"),
+        (Trial("a", (Stimulus("springs"),), ("softer",)), UnknownName, "no scene 'springs'"),
+        (Trial("a", (Stimulus("spring", {"q": 1.0}),), ("softer",)), UnknownName, "no parameter q"),
+        (Trial("a", (Stimulus("spring"),), ("harder",)), UnknownName, "no question 'harder'"),
+        (Trial("a", (Stimulus("spring"), Stimulus("spring", seed=1)), ("softer",)), BadValue, "must have one seed"),
+    ],
+)
+def test_trials_that_the_experiment_does_not_allow(trial, error, why):
+    with pytest.raises(error, match=why):
+        program(experiment(), trial)
+    with pytest.raises(UnknownName, match="no sink 'jak'; there are null, offline"):
+        present(experiment(), pair(), "jak")
+
+
+def test_experiments_that_make_no_sense():
+    for wrong, error, why in (
+        ({"scenes": {}}, BadValue, "scenes must be"),
+        ({"questions": (QUESTION, QUESTION)}, BadValue, "a name of its own"),
+        ({"bounds": {"q": (1.0, 2.0)}}, UnknownName, "no scene has a parameter 'q'"),
+        ({"bounds": {"k": (2.0, 1.0)}}, BadValue, "must rise"),
+    ):
+        with pytest.raises(error, match=why):
+            experiment(**wrong)
+    with pytest.raises(BadValue, match="gap = -1 must be a time"):
+        Timing(gap=-1)
+    with pytest.raises(BadValue, match="longer than its two ramps"):
+        Timing(interval=0.04)
+
+
+# Sessions ------------------------------------------------------------------------------------------------------------
+def test_a_session_is_its_log(tmp_path):
+    session = simulate(tmp_path)
+    saved = read(tmp_path / "pair" / "P01-s1")
+    assert saved.records == session.records and 16 < len(saved.records) < 80
+    assert [r.number for r in saved.records] == list(range(1, len(saved.records) + 1))
+    assert saved.header["seed"] == experiment().seeded("P01", 1) != experiment().seeded("P02", 1)
+    assert not (session.folder / "spare").exists()
+    assert {r.outcome for r in saved.records} == {0.0, 1.0}
+    assert sessions("pair", tmp_path) == [saved]
+
+
+def test_a_session_that_was_left_goes_on_as_it_would_have(tmp_path):
+    whole = simulate(tmp_path / "a")
+    some(tmp_path / "b", 7)
+    simulate(tmp_path / "b", resume=True)
+    facts = [[(r.number, r.trial, r.answer.values) for r in read(tmp_path / d / "pair/P01-s1").records] for d in "ab"]
+    assert facts[0] == facts[1] and len(facts[0]) == len(whole.records)
+
+
+@pytest.mark.parametrize(
+    "kills", [8, pytest.param(200, marks=pytest.mark.skipif("STIMLIB_STRESS" not in os.environ, reason="long"))]
+)
+def test_killed_at_random_moments_nothing_is_lost_and_nothing_doubled(tmp_path, kills):
+    command = [sys.executable, str(Path(__file__).with_name("killed.py")), str(tmp_path), str(kills), "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0 and int(done.stdout.split()[0]) >= kills, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("cut", [1, 40, -1])
+def test_a_line_that_was_cut_short_is_dropped_and_its_trial_comes_again(tmp_path, cut):
+    session = some(tmp_path, 3)
+    path = session.folder / "trials.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
+    with Session(experiment(), tmp_path, "P01", resume=True) as again:
+        assert again.number == 3 and again.due() == session.records[2].trial
+        again.put(session.records[2].answer, [])
+    assert len(read(session.folder).records) == 3
+
+
+def edited(path, change):
+    data = [json.loads(line) for line in path.read_text().splitlines()]
+    change(data)
+    path.write_text("".join(json.dumps(line, sort_keys=True) + "\n" for line in data))
+
+
+@pytest.mark.parametrize(
+    "change, line",
+    [
+        (
+            lambda d: d[1]["answer"]["values"].update(
+                softer="first" if d[1]["answer"]["values"]["softer"] == "second" else "second"
+            ),
+            2,
+        ),
+        (lambda d: d.pop(0), 1),
+        (lambda d: d.insert(1, d[0]), 2),
+        (lambda d: d[2].pop("answer"), 3),
+        (lambda d: d[0].update(number=2), 1),
+    ],
+)
+def test_lines_that_were_edited_are_named(tmp_path, change, line):
+    session = some(tmp_path, 3)
+    edited(session.folder / "trials.jsonl", change)
+    for act in (lambda: read(session.folder), lambda: some(tmp_path, 0, resume=True)):
+        with pytest.raises(SinkError, match=f"trials.jsonl, line {line}: "):
+            act()
+
+
+def test_a_header_that_was_edited_is_seen_by_the_first_line(tmp_path):
+    session = some(tmp_path, 1)
+    path = session.folder / "session.json"
+    path.write_text(path.read_text().replace('"P01"', '"P02"'))
+    with pytest.raises(SinkError, match="line 1: it is not as it was written"):
+        read(session.folder)
+    path.write_text("{}")
+    with pytest.raises(SinkError, match="session.json: stimlib_experiment is missing"):
+        read(session.folder)
+
+
+def test_a_log_of_another_experiment_or_version_is_refused(tmp_path):
+    some(tmp_path, 2)
+    for other, what in (
+        ({"version": "2"}, "experiment.version"),
+        ({"bounds": {"k": (0.5, 8.5)}}, "experiment.bounds"),
+        ({"seed": 1}, "seed, experiment.seed"),
+        ({"scenes": {"spring": stimlib.Scene({"force": 2.0 * SPRING.outputs["force"]})}}, "experiment.scenes"),
+    ):
+        with pytest.raises(BadValue, match=f"another experiment or version: {what} differs"):
+            some(tmp_path, 0, experiment(**other), resume=True)
+    assert len(some(tmp_path, 1, resume=True).records) == 3
+
+
+def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
+    session = some(tmp_path, 4)
+    monkeypatch.setattr("stimlib.experiments.tasks.seed_of", lambda *words: 1)
+    with pytest.raises(BadValue, match="trials.jsonl, line 1: the design gives another trial there"):
+        some(tmp_path, 0, resume=True)
+    assert len(read(session.folder).records) == 4
+
+
+def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_path):
+    some(tmp_path, 2)
+    with pytest.raises(BadValue, match="is there already: resume it"):
+        some(tmp_path, 0)
+    with pytest.raises(BadValue, match="there is no session .* to resume"):
+        some(tmp_path, 0, session=2, resume=True)
+    with Session(experiment(), tmp_path, "P01", resume=True), pytest.raises(SinkError, match="one participant cannot be in two"):
+        some(tmp_path, 0, resume=True)
+    assert len(read(tmp_path / "pair" / "P01-s1").records) == 2
+
+
+@pytest.mark.parametrize("name", ["Anna", "P", "07", "P07 ", "../P07", "P07\n", "Maximilian1"])
+def test_participants_are_codes(tmp_path, name):
+    with pytest.raises(BadValue, match="must be a code"):
+        Session(experiment(), tmp_path, name)
+
+
+def test_a_pilot_is_none_of_the_data(tmp_path):
+    pilot = some(tmp_path, 2, pilot=True)
+    some(tmp_path, 1)
+    assert (
+        pilot.folder.name == "PILOT-P01-s1"
+        and len(sessions("pair", tmp_path)) == len(sessions("pair", tmp_path, pilot=True)) == 1
+    )
+    with pytest.raises(BadValue, match="is a pilot, and no data"):
+        read(pilot.folder)
+    pilot.folder.rename(tmp_path / "pair" / "P03-s1")  # renamed by hand
+    with pytest.raises(BadValue, match="is a pilot"):
+        sessions("pair", tmp_path)
+    assert all(json.loads(line)["pilot"] for line in (tmp_path / "pair" / "P03-s1" / "trials.jsonl").read_text().splitlines())
+
+
+def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_path, monkeypatch):
+    full, shown = [], []
+    write, publish = os.write, stimlib.core.regular.publish
+
+    def no_room(path, *args):
+        if full:
+            raise SinkError(f"cannot write {path}: No space left on device")
+        return publish(path, *args)
+
+    def short(fd, data):  # a part is taken, unless there is the room of the spare file
+        if full and (tmp_path / "pair/P01-s1/spare").exists():
+            write(fd, data[:20])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(fd, data)
+
+    monkeypatch.setattr("stimlib.experiments.session.regular.publish", no_room)
+    monkeypatch.setattr("stimlib.experiments.session.os.write", short)
+
+    def show(trial, folder):
+        shown.append(trial)
+        if len(shown) == 3:
+            full.append(True)
+        return {}
+
+    with pytest.raises(SinkError, match="no room for an answer, so no stimulus is displayed.*resume"):
+        with Session(experiment(), tmp_path, "P01") as session:
+            run(session, Simulated(session, observer), show)
+    assert len(shown) == 3 and len(read(session.folder).records) == 3
+    full.clear()
+    with Session(experiment(), tmp_path, "P01", resume=True) as session:
+        assert session.number == 4
+
+
+def test_an_answer_that_is_none_is_not_written(tmp_path):
+    with Session(experiment(), tmp_path, "P01") as session:
+        for values, why in (({}, "not answered"), ({"softer": "third"}, "no answer; answer one of first, second")):
+            with pytest.raises(BadValue, match=why):
+                session.put(Answer(values))
+        assert session.number == 1
+    assert read(session.folder).records == []
+
+
+def test_what_the_experimenter_sees_is_blinded(tmp_path):
+    task = Identify("secret", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})})
+    made = experiment(design=Listed(((task, "first"), (task, "second")), 2, training=True))
+    with Session(made, tmp_path, "P01") as session:
+        run(session, Simulated(session, lambda t, rng: Answer({"softer": "first"}, replays=0)), nothing)
+    told = status(read(session.folder))
+    assert told["trials"] == told["training"] == 4 and read(session.folder).data == [] and told["limited"] == 8
+    assert list(told["conditions"].values()) == [4] and "secret" not in json.dumps(told)
+    assert session.blind(session.records[0].trial) in told["conditions"]
+    assert "secret" not in " ".join(p.name for p in tmp_path.rglob("*"))
+
+
+# Around the trials ---------------------------------------------------------------------------------------------------
+class Scripted:
+    """A face that notes what it is asked, and answers from a list."""
+
+    def __init__(self, *answers, picks=()):
+        self.answers, self.picks, self.noted = list(answers), list(picks), []
+
+    def tell(self, text):
+        self.noted.append(text)
+
+    def rest(self, seconds):
+        self.noted.append(("rest", round(seconds)))
+
+    def ready(self, text):
+        self.noted.append(text)
+
+    def pick(self, names):
+        return self.picks.pop(0) if self.picks else None
+
+    def ask(self, trial, question, replays):
+        self.noted.append((question.name, replays))
+        return self.answers.pop(0)
+
+
+def test_rests_replays_familiarisation_and_feedback(tmp_path):
+    task = Identify("c", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})})
+    day = Listed(((task, "first"),))
+    logs = []
+    made = experiment(
+        design=Parts({"1": day, "2": day}, pause=60.0),
+        familiarisation={"red": Stimulus("spring", {"k": 3.0})},
+        replays=1,
+        feedback=True,
+        instructions="Squeeze.",
+    )
+
+    def show(trial, folder):
+        logs.append(folder.name)
+        folder.mkdir()
+        return {"log": folder.name}
+
+    face = Scripted(None, None, "first", "second", picks=["red", "red"])
+    with Session(made, tmp_path, "P01") as session:
+        run(session, face, show)
+    assert logs == [f"familiarisation-{k}.stimlog" for k in (1, 2)] + [
+        "trial-0001-1.stimlog",
+        "trial-0001-2.stimlog",
+        "trial-0002-1.stimlog",
+    ]
+    asked = [("softer", 1), ("softer", 0), ("softer", 0)]  # the second replay is not there
+    assert face.noted[:6] == ["Squeeze.", "trial 1", *asked, "right"]
+    assert face.noted[6:] == [("rest", 60), "trial 2", ("softer", 1), "wrong", "That was the last one. Thank you."]
+    first = read(session.folder).records[0]
+    assert first.answer.replays == 1 and [d["log"] for d in first.displayed] == logs[2:4]
+
+
+def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
+    task = Show("c", ("roughness", "bumpiness"), Stimulus("spring"))
+    day = Listed(((task, None),), training=True)
+    made = experiment(
+        design=Parts({"1": day, "2": day}, pause=60.0),
+        questions=(rating("roughness", "?", "smooth", "rough"), rating("bumpiness", "?", "flat", "bumpy")),
+    )
+    with Session(made, tmp_path, "P01") as session:
+        session.put(Answer({"roughness": 3, "bumpiness": 7}))
+    with Session(made, tmp_path, "P01", resume=True) as session:
+        assert 55 < session.rest(session.due()) <= 60
+        now = datetime.now(UTC)
+        for passed, left in ((40, 20), (70, 0), (-30, 60)):  # a clock that was set back keeps nobody longer
+            object.__setattr__(session.records[0], "ended", (now - timedelta(seconds=passed)).isoformat())
+            assert session.rest(session.due()) == pytest.approx(left, abs=2)
+
+
+def test_a_design_may_depend_on_the_participant(tmp_path):
+    def of(participant, session):
+        return Listed(((TASK, float(participant[1:]) + session),))
+
+    made = experiment(design=of)
+    for code, number, level in (("P01", 1, 2.0), ("P02", 1, 3.0), ("P02", 2, 4.0)):
+        with Session(made, tmp_path, code, number) as session:
+            assert session.due().level == level
+    assert isinstance(made, Experiment) and len(sessions("pair", tmp_path)) == 3
