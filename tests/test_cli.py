@@ -223,9 +223,10 @@ def test_a_defect_ends_with_its_traceback_and_status_3(tmp_path, monkeypatch, wo
 def test_every_command_ends_so():
     """``command`` alone makes commands, and runs each within ``friendly``."""
     texts = {p.name: p.read_text() for p in Path(cli.__file__).parent.glob("*.py")}
-    assert {name: text.count("app.command") for name, text in texts.items() if "app.command" in text} == {"app.py": 1}
-    assert "app.command(name)(sharing(friendly()(function), shared))" in texts["app.py"]
-    assert len(app.registered_commands) == sum(text.count("\n@command(") for text in texts.values())
+    assert {name: text.count(".command(") for name, text in texts.items() if ".command(" in text} == {"app.py": 1}
+    assert "of.command(name)(sharing(friendly()(function), shared))" in texts["app.py"]
+    groups = [app, *(g.typer_instance for g in app.registered_groups)]
+    assert sum(len(g.registered_commands) for g in groups) == sum(text.count("\n@command(") for text in texts.values())
 
 
 @pytest.mark.parametrize("words", [["show", "squeeze"], ["list", "--json"]], ids=["at once", "at the end"])

@@ -30,6 +30,11 @@ PRINTED = {
     "psychopy_trial.py --made-up-hand": (
         "interval 1: 360 N/m, 20.0 mm, 7.20 N\ninterval 2: 300 N/m, 20.0 mm, 6.00 N\nanswer: 2\n"
     ),
+    "which_is_softer.py": (
+        "51 trials, 0 samples lost, 0 limited\n"
+        "A = 0: felt as the standard at about 1701 N/m\n"
+        "A = 3.4: felt as the standard at about 2190 N/m\n"
+    ),
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain at 50 Hz: -3.01 dB\n"
     ),

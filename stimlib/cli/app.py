@@ -67,11 +67,18 @@ def main(
 Command = Callable[..., Any]
 
 
-def command(name: str, **shared: Command) -> Callable[[Command], Command]:
+def group(name: str, text: str) -> typer.Typer:
+    """Commands under one name, such as ``experiment run``."""
+    made = typer.Typer(no_args_is_help=True, rich_markup_mode="rich", help=text)
+    app.add_typer(made, name=name)
+    return made
+
+
+def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Command], Command]:
     """Make a function a subcommand: its errors in one line, and the options of these functions among its own."""
 
     def made(function: Command) -> Command:
-        return app.command(name)(sharing(friendly()(function), shared))
+        return of.command(name)(sharing(friendly()(function), shared))
 
     return made
 

@@ -95,17 +95,20 @@ def maker_of(text: str) -> Scene | Callable[..., Scene]:
     return own_of(path, name) if path.endswith(".py") else scene_of(text)
 
 
-def own_of(path: str, name: str) -> Any:
-    """A scene, function or measure of a file of the user's, as it is; the file is run, and can be imported by workers then."""
+def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
+    """A scene, function or measure of a file of the user's, as it is; the file is run, and can be imported by workers then.
+
+    What is of that kind may be named too.
+    """
     if (folder := str(Path(path).resolve().parent)) not in sys.path:
         sys.path.append(folder)
-    return _own(path, name, called=False)
+    return _own(path, name, called=False, kind=kind)
 
 
 _ours: set[str] = set()  # names of the modules that _own has made
 
 
-def _own(path: str, function: str | None = None, called: bool = True) -> Any:
+def _own(path: str, function: str | None = None, called: bool = True, kind: type | None = None) -> Any:
     """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
 
     Where the file or the function raises, the error names their line.
@@ -124,8 +127,8 @@ def _own(path: str, function: str | None = None, called: bool = True) -> Any:
         spec.loader.exec_module(module)
         if function is None:
             return None
-        found = getattr(module, function, None)
-        if not (callable(found) or isinstance(found, Scene)):
+        found: Any = getattr(module, function, None)
+        if not (callable(found) or isinstance(found, (Scene, kind or Scene))):
             what = f"there is no {function!r} in it" if function else "say which function or scene in it"
             there = (
                 ", ".join(n for n, v in vars(module).items() if isinstance(v, Scene) or _makes(module, v))

@@ -13,7 +13,7 @@ from ..errors import BadValue, UnknownName
 from ..run.safety import Safety
 from .questions import Question
 from .streams import seed_of
-from .trial import Design, Stimulus, Trial
+from .trial import Design, Observer, Stimulus, Trial
 
 
 @dc.dataclass(frozen=True)
@@ -89,6 +89,8 @@ class Experiment:
     motion : any
         What drives the inputs, as a sink takes it: functions of time for a simulated hand, ``Live()`` or ``Signals`` for a real
         one.
+    hand : callable, optional
+        Of ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until ``sink.finished``.
     timing : Timing
     familiarisation : dict of str to Stimulus
         Stimuli that the participant may feel at will before the first trial.
@@ -102,6 +104,11 @@ class Experiment:
         Of the whole experiment; each participant and session draws from their own.
     instructions : str
         What the participant reads first.
+    observer : callable, optional
+        Who answers in a simulation: ``observer(trial, rng) -> Answer``.
+    analysis : callable, optional
+        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.saved.Saved`; what it gives is printed. A log does not
+        depend on these two.
 
     Raises
     ------
@@ -122,6 +129,7 @@ class Experiment:
     safety: Safety | float
     bounds: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
     motion: Any = None
+    hand: Callable[[Any], None] | None = None
     timing: Timing = Timing()
     familiarisation: Mapping[str, Stimulus] = dc.field(default_factory=dict)
     replays: int = 0
@@ -130,6 +138,8 @@ class Experiment:
     masking: Masking | None = None
     seed: int = 0
     instructions: str = ""
+    observer: Observer | None = None
+    analysis: Callable[[list[Any]], Any] | None = None
 
     def __post_init__(self):
         names = [q.name for q in self.questions]
@@ -179,7 +189,7 @@ class Experiment:
 
         Functions (of a motion, or a design that depends on the participant) count by their name.
         """
-        told = {f.name: _plain(getattr(self, f.name)) for f in dc.fields(self)}
+        told = {f.name: _plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("observer", "analysis")}
         text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
         return told | {"key": hashlib.sha256(text.encode()).hexdigest()}
 

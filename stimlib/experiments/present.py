@@ -223,6 +223,8 @@ def present(
     with SINKS[sink](scene, safety, motion=experiment.motion, seed=seed, params=params, log=to, **options) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
+        if experiment.hand is not None:
+            experiment.hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k not in ("block_time", "latency", "unlogged", "skipped")}
     shown = {"sink": sink, "fs": experiment.fs, "scene": scene.hash, "seed": seed, "params": params, "intervals": at, **told}

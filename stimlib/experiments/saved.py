@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -210,4 +210,31 @@ def status(saved: Saved) -> dict[str, Any]:
         "lost": sum(d.get("lost", 0) for d in shown_once),
         "limited": sum(n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()),
         "last": saved.records[-1].ended if saved.records else "",
+    }
+
+
+def columns(found: Sequence[Saved]) -> dict[str, list[Any]]:
+    """The trials of sessions as columns, for an analysis or a table of pandas.
+
+    Parameters
+    ----------
+    found : sequence of Saved
+
+    Returns
+    -------
+    dict of str to list
+        ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``, ``outcome``, ``seconds``, ``replays``,
+        ``training``, and each question that was asked by its name; None where a trial has not asked it.
+    """
+    rows = [(s, r) for s in found for r in s.records]
+    questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
+    return {
+        "participant": [s.header["participant"] for s, _ in rows],
+        "session": [s.header["session"] for s, _ in rows],
+        "number": [r.number for _, r in rows],
+        **{k: [getattr(r.trial, k) for _, r in rows] for k in ("condition", "track", "level")},
+        "outcome": [r.outcome for _, r in rows],
+        **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays")},
+        "training": [r.trial.training for _, r in rows],
+        **{q: [r.answer.values.get(q) for _, r in rows] for q in questions},
     }

@@ -14,6 +14,7 @@ from experiments.some import QUESTION, SPRING, TASK, experiment, observer, still
 
 import stimlib
 import stimlib.experiments.streams
+from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SceneError, SinkError, UnknownName
 from stimlib.experiments.designs import Listed, Parts
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
@@ -115,6 +116,15 @@ def test_masking_has_a_channel_of_its_own_and_a_cursor_is_followed(tmp_path):
     assert shown["rms"]["force"] == pytest.approx([0.8 / 2**0.5, 3 * 0.8 / 2**0.5], rel=1e-5)
     assert shown["following"][0]["gain"] == pytest.approx(0.8, abs=1e-9)
     assert shown["following"][0]["lag"] == pytest.approx(0.3 / (20 * np.pi), abs=1e-9)
+
+
+def test_a_hand_pushes_its_positions_while_the_trial_plays(tmp_path):
+    def hand(sink):
+        while not sink.finished:
+            sink.push(np.full((1, 10), 0.5))
+
+    shown = present(experiment(motion=Live(), hand=hand), pair(), "offline", tmp_path / "a.stimlog")
+    assert shown["peak"]["force"] == pytest.approx([0.5, 1.5], rel=1e-6) and shown["stale"] == 0
 
 
 @pytest.mark.parametrize(
