@@ -7,6 +7,7 @@ As a program it lets one simulated participant answer, every stimulus rendered.
 """
 
 # [experiment]
+import argparse
 import tempfile
 
 import numpy as np
@@ -67,11 +68,35 @@ softer = Experiment(
 )
 # [end]
 
-if __name__ == "__main__":
+
+def plot(saved, path: str) -> None:
+    """The staircases."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(7, 4), layout="constrained")
+    ax = fig.subplots()
+    for track in dict.fromkeys(r.trial.track for r in saved.records):
+        levels = [(r.number, r.trial.level) for r in saved.records if r.trial.track == track]
+        ax.semilogy(*zip(*levels, strict=True), "o-", label=track)
+    ax.set(xlabel="trial", ylabel="stiffness of the comparison (N/m)")
+    ax.legend()
+    fig.savefig(path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plot", metavar="FILE", help="draw the staircases")
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as data:
         with Session(softer, data, "P01", pilot=True) as session:
             run(session, Simulated(session, felt), "offline")
         saved = read(session.folder, pilot=True)
-        told = status(saved)
-        print(f"{told['trials']} trials, {told['lost']} samples lost, {told['limited']} limited")
-        print(means([saved]))
+    told = status(saved)
+    print(f"{told['trials']} trials, {told['lost']} samples lost, {told['limited']} limited")
+    print(means([saved]))
+    if arguments.plot:
+        plot(saved, arguments.plot)
+
+
+if __name__ == "__main__":
+    main()

@@ -53,32 +53,36 @@ def plain(folder):
     return [(r.number, r.trial, r.answer.values) for r in read(folder).records]
 
 
-folder, kills, rng = Path(sys.argv[1]), int(sys.argv[2]), random.Random(int(sys.argv[3]))
-began = time.monotonic()
-play(folder / "whole")
-length = time.monotonic() - began
-whole = plain(folder / "whole/pair/P01-s1")
-killed, runs = 0, 0
-while killed < kills:
-    data, kept, at = folder / f"run{runs}", 0, folder / f"run{runs}/pair/P01-s1"
-    runs += 1
-    while True:
-        listen, told = os.pipe()
-        pid = child(data, told)
-        os.close(told)
-        said = os.read(listen, 1) if rng.random() < 0.7 else b""  # else it may be killed while it reads
-        time.sleep(rng.random() * length * 0.3)
-        os.kill(pid, signal.SIGKILL)
-        _, status = os.waitpid(pid, 0)
-        kept += (said + os.read(listen, 1 << 16)).count(b".")
-        os.close(listen)
-        if os.WIFEXITED(status):
-            assert os.WEXITSTATUS(status) == 0
-            break
-        killed += 1
-        if (at / "session.json").exists():
-            saved = plain(at)
-            assert kept <= len(saved) and saved == whole[: len(saved)], (kept, len(saved))
-            kept = len(saved)
-    assert plain(at) == whole
-print(f"{killed} kills in {runs} sessions of {len(whole)} trials")
+def main(folder, kills, rng):
+    began = time.monotonic()
+    play(folder / "whole")
+    length = time.monotonic() - began
+    whole = plain(folder / "whole/pair/P01-s1")
+    killed, runs = 0, 0
+    while killed < kills:
+        data, kept, at = folder / f"run{runs}", 0, folder / f"run{runs}/pair/P01-s1"
+        runs += 1
+        while True:
+            listen, told = os.pipe()
+            pid = child(data, told)
+            os.close(told)
+            said = os.read(listen, 1) if rng.random() < 0.7 else b""  # else it may be killed while it reads
+            time.sleep(rng.random() * length * 0.3)
+            os.kill(pid, signal.SIGKILL)
+            _, status = os.waitpid(pid, 0)
+            kept += (said + os.read(listen, 1 << 16)).count(b".")
+            os.close(listen)
+            if os.WIFEXITED(status):
+                assert os.WEXITSTATUS(status) == 0
+                break
+            killed += 1
+            if (at / "session.json").exists():
+                saved = plain(at)
+                assert kept <= len(saved) and saved == whole[: len(saved)], (kept, len(saved))
+                kept = len(saved)
+        assert plain(at) == whole
+    print(f"{killed} kills in {runs} sessions of {len(whole)} trials")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), random.Random(int(sys.argv[3])))
