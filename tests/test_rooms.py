@@ -8,7 +8,7 @@ import pytest
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = (
     "errors version core design blocks targets motion run plate soft scenes files devices fitting "
-    "analysis checks sweep demo speed cli"
+    "analysis checks sweep demo speed live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
