@@ -30,8 +30,8 @@ class Inputs:
     """Makes the motion of a live scene, block by block.
 
     What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are followed by ``stimlib.blocks.track``: a
-    hand does not jump.  Contact jumps as it does.  Where a scene knows whether it is touched (an input ``contact`` or
-    ``press``), a finger that hovers moves nothing, and one that comes back begins where it lands.
+    hand does not jump.  Contact jumps as it does.  Where an input is told of contact or pressure, a finger that hovers moves
+    nothing, and one that comes back begins where it lands.
 
     ``columns`` is called by one thread; everything else may be called by another meanwhile, and waits for nobody.
 
@@ -42,10 +42,17 @@ class Inputs:
         Hz.
     ranges : mapping of str to (low, high)
         Of the inputs.
-    given : mapping of str to callable or ndarray, optional
-        Motions of inputs, as for ``stimlib.render``: they begin as these.
+    given : mapping of str to callable, optional
+        Motions of inputs, functions of time as for ``stimlib.render``: they begin as these.
     bandwidth : float
         Of the follower in Hz.
+
+    Raises
+    ------
+    UnknownName
+        A motion of an input that does not exist.
+    BadValue
+        A motion that is no function of time; a bandwidth above fs/2.
 
     Examples
     --------
@@ -70,12 +77,20 @@ class Inputs:
     ):
         self.fs, self.names = fs, list(scene.inputs)
         self.given = dict(given or {})
-        self.touches = not {"contact", "press"}.isdisjoint(self.names)
+        for name, motion in self.given.items():
+            if name not in self.names:
+                raise UnknownName(f"motion of {name}: the scene has no such input; it has {', '.join(self.names) or 'none'}")
+            if not callable(motion):
+                raise BadValue(
+                    f"motion of {name}: a live scene has no end, so give a function of time, not {type(motion).__name__}"
+                )
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
         self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
         self.sources = self._first(scene, ranges)
-        self._changed = dict.fromkeys(self.names, -math.inf)  # sample at which the source became what it is
-        self._at = 0
+        self._see_touch()
+        self._changed: dict[str, float | None] = dict.fromkeys(
+            self.names, -math.inf
+        )  # sample of the source's change; None: the next
         self._last = np.zeros(len(self.names))
         self._from = np.zeros(len(self.names))
         outputs: dict[str, Block] = {
@@ -102,6 +117,9 @@ class Inputs:
             rest = min(max(0.0, low), high) if kind != "value" else (low + high) / 2
             found[name] = {"from": kind, "finger": 0, "low": low, "high": high, "freq": 1.0, "value": rest}
         return found
+
+    def _see_touch(self) -> None:
+        self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
 
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
         """A finger is somewhere; the next block has it."""
@@ -131,8 +149,9 @@ class Inputs:
             raise BadValue(f"source: nothing was given for {name}: start with --motion '{name}=..'")
         if not made["low"] < made["high"]:
             raise BadValue(f"source of {name}: low = {made['low']:g} must be below high = {made['high']:g}")
+        self._changed[name] = None
         self.sources[name] = made
-        self._changed[name] = self._at
+        self._see_touch()
 
     def columns(self, at: int, n: int) -> Array:
         """The motion of samples at .. at + n - 1, shape (n_inputs, n).
@@ -142,22 +161,23 @@ class Inputs:
         BadValue
             A motion of the caller's that is not finite, or ends.
         """
-        self._at = at
         x = np.empty((len(self.names), n))
         if self._follow is None:
             return x
         held = np.zeros((2 * len(self.names), n))
-        for k, name in enumerate(self.names):
-            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(self.sources[name])
+        sources = dict(self.sources)
+        for k, source in enumerate(sources.values()):
+            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source)
         followed = self._follow.process(held)
-        for k, name in enumerate(self.names):
-            source = self.sources[name]
+        for k, (name, source) in enumerate(sources.items()):
             x[k] = followed[k]
             if source["from"] == "contact":
                 x[k] = held[self._row[f"x{k}"], 0]
             elif source["from"] in ("sine", "given"):
                 x[k] = positions({name: self._motion(name, source)}, at, at + n, self.fs)[0]
-            self._go_over(k, name, x[k], at)
+            if source["from"] != "contact":
+                self._go_over(k, name, x[k], at)
+            self._last[k] = x[k, -1]
         return x
 
     def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
@@ -181,11 +201,10 @@ class Inputs:
 
     def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
         """From what the old source had to what the new one has, along a straight line."""
-        length = CHANGE * self.fs
-        since = at - self._changed[name]
-        if since == 0:
+        since = self._changed[name]
+        if since is None:
+            since = self._changed[name] = at
             self._from[k] = self._last[k]
-        if since < length and self.sources[name]["from"] != "contact":
-            w = np.minimum(1.0, (since + 1 + np.arange(len(row))) / length)
-            row[:] = self._from[k] + w * (row - self._from[k])
-        self._last[k] = row[-1]
+        w = (at - since + 1 + np.arange(len(row))) / (CHANGE * self.fs)
+        if w[0] < 1:
+            row[:] = self._from[k] + np.minimum(w, 1.0) * (row - self._from[k])

@@ -8,7 +8,7 @@ page: do    fields                                        meaning
 hello       token, version                                first message, within 2 s; the token is the URL's fragment
 move        finger, u, v, p, on, t                        finger 0 .. 9 is at (u, v), 0 to 1 from the pad's lower left corner,
                                                           with pressure p (0 to 1); on: 1 touches, 0 not (hovers, or has left);
-                                                          t: the event's time in ms, which comes back in the samples that it shapes
+                                                          t: the event's time in ms, which comes back in its samples
 set         name, value                                   a parameter, in its unit, within the range that hello has; 20 ms ramp
 source      input, from, finger, low, high, freq, value   what drives an input, from: ``u``, ``v``, ``pressure`` (low at 0, high
                                                           at 1), ``contact`` (0, 1), each of a finger; ``sine`` (between low and
@@ -62,8 +62,9 @@ then float32: n of each input (in its unit, as the scene had them), n of each ou
 given them). Indices that are missing were lost or skipped. Every session has its own log's index, so what is drawn can be
 found in a recording.
 
-The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408 (silent), 4409 (two pages are there already)
-or 4429 (too many messages): trying again does not help. Anything else does: a page that has lost its server asks again.
+The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408 (silent, or reads nothing), 4409 (two pages
+are there already) or 4429 (too many messages): trying again does not help. Anything else does: a page asks again for a server
+that it has lost.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from ..core.packages import package
@@ -39,9 +39,8 @@ HELLO = 2.0
 def page_files() -> dict[str, tuple[str, bytes]]:
     """What is served: path, media type and content of every file of ``stimlib/live/page``, read once."""
     found = {}
-    for f in files("stimlib.live").joinpath("page").iterdir():
-        kind = TYPES.get(f.name.rpartition(".")[2])
-        if kind:
+    for f in Path(__file__).with_name("page").iterdir():
+        if kind := TYPES.get(f.suffix[1:]):
             found["/" if f.name == "index.html" else f"/{f.name}"] = kind, f.read_bytes()
     return found
 
@@ -129,10 +128,8 @@ class Server:
         from starlette.routing import Route, WebSocketRoute
 
         async def get(request: Any) -> Any:
-            if not self._known(request.headers.get("host", "")):
-                return Response("wrong host", 421, self._headers)
             kind, content = self._files[request.url.path]
-            return Response(content, 200, self._headers, kind)
+            return Response(content, media_type=kind)
 
         @asynccontextmanager
         async def lifespan(app: Any) -> AsyncIterator[None]:
@@ -145,7 +142,23 @@ class Server:
                     await run
 
         routes = [Route(path, get) for path in self._files] + [WebSocketRoute("/ws", self._talk)]
-        return Starlette(routes=routes, lifespan=lifespan)
+        app = Starlette(routes=routes, lifespan=lifespan)
+        headers = [(name.lower().encode(), value.encode()) for name, value in self._headers.items()]
+
+        async def guarded(scope: Any, receive: Any, send: Any) -> None:
+            """Whatever is answered has our headers, and is for a host of our name."""
+
+            async def answer(part: Any) -> None:
+                await send(part | {"headers": [*part["headers"], *headers]} if part["type"] == "http.response.start" else part)
+
+            if scope["type"] != "http":
+                await app(scope, receive, send)
+            elif self._known(dict(scope["headers"]).get(b"host", b"").decode("latin-1")):
+                await app(scope, receive, answer)
+            else:
+                await Response("wrong host", 421)(scope, receive, answer)
+
+        return guarded
 
     def _known(self, host: str) -> bool:
         """Whether a Host is this machine's: under a name of somebody else's, a stranger's page would be of our origin."""
@@ -173,7 +186,7 @@ class Server:
             await ws.close(*refused)
             return
         self.stream.join(page)
-        tasks = [asyncio.create_task(self._listen(ws, page)), asyncio.create_task(self._speak(ws, page))]
+        tasks = [asyncio.create_task(work) for work in (self._listen(ws, page), self._speak(ws, page), page.ended.wait())]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -181,8 +194,8 @@ class Server:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             self.stream.leave(page)
-            with suppress(RuntimeError, WebSocketDisconnect):  # it is closed already
-                await ws.close(*(page.end or (1000, "")))
+            with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):  # it is closed already, or takes nothing
+                await asyncio.wait_for(ws.close(*page.end), 1.0)
 
     async def _greet(self, ws: Any) -> tuple[int, str] | None:
         """Why a page is refused."""
@@ -207,26 +220,24 @@ class Server:
             now = time.monotonic()
             budget, then = min(BURST, budget + (now - then) * RATE) - 1, now
             if budget < 0:
-                page.end = 4429, "too many messages"
-                return
+                return page.close(4429, "too many messages")
             try:
                 said = message(got.get("text") or got.get("bytes") or b"")
             except BadValue as e:
                 wrong += 1
                 if wrong > WRONG:
-                    page.end = 4400, "messages are not understood"
-                    return
+                    return page.close(4400, "messages are not understood")
                 page.tell({"is": "error", "about": "", "text": str(e)})
                 continue
             self.stream.do(page, said)
 
     async def _speak(self, ws: Any, page: Page) -> None:
         """What waits for the page: texts first, since they say what the samples are."""
-        while page.end is None:
+        while True:
             await page.wake.wait()
             page.wake.clear()
             while page.texts:
-                await ws.send_text(page.texts.popleft())
+                await ws.send_text(page.texts.popleft()[1])
             while page.blocks:
                 await ws.send_bytes(page.blocks.popleft())
 

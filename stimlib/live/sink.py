@@ -69,6 +69,7 @@ class PageSink(Sink):
         motion = Live(1.0) if isinstance(scene, Scene) and scene.inputs else None
         super().__init__(scene, safety, motion=motion, realtime=False, **options)
         self._feed, self._take = feed, take
+        self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self.late = self.busy = 0.0
         """Seconds behind the clock, and part of a block's time that making it took, each of late."""
 
@@ -81,28 +82,29 @@ class PageSink(Sink):
     def _loop(self) -> None:
         period = (self.block or 1) / self.rate
         due = time.perf_counter()
-        try:
-            while self.pump.state != self.pump.native.CLOSED:
-                now = time.perf_counter()
-                if now < due:
-                    time.sleep(due - now)
-                    continue
-                self.late = now - due
-                lost = 0
-                if self.late > LATE:
-                    lost, due = round(min(self.late, MOST_LOST) * self.rate), now
-                due += period
-                if self.pump.state == self.pump.native.RUNNING:
-                    self._make(lost if self.pump.read("DELIVERED") else 0)
-                    self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
-        except Exception as e:
-            self._fail(e)
-            self._device_gone = True
+        while self.pump.state != self.pump.native.CLOSED:
+            now = time.perf_counter()
+            if now < due:
+                time.sleep(due - now)
+                continue
+            self.late = now - due
+            lost = 0
+            if self.late > LATE:
+                lost, due = round(min(self.late, MOST_LOST) * self.rate), now
+            due += period
+            if self.pump.state == self.pump.native.RUNNING:
+                self._make(lost if self.pump.read("DELIVERED") else 0)
+                self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
 
     def _make(self, lost: int) -> None:
         """One block, after ``lost`` samples that nobody gets."""
         pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
-        x = np.ascontiguousarray(self._feed(pump.index, lost + n))
+        try:
+            x = np.ascontiguousarray(self._feed(pump.index, lost + n))
+        except Exception as e:  # of a motion that is not ours: it stands still while the session fades
+            self._fail(e)
+            x = np.repeat(self._x[:, -1:], lost + n, axis=1)
+        self._x = x
         if len(x):
             pump.put_motion(x)
         pump.block(n, lost)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -23,6 +24,7 @@ from .inputs import SMOOTH, Inputs
 from .protocol import HEAD, REPORTS, SILENT, VERSION, samples
 from .sink import PageSink
 
+logger = logging.getLogger(__name__)
 WAITING = 64
 """Messages that may wait for a page: a quarter of a second of samples; then the oldest are skipped."""
 RAMP = 0.02
@@ -33,20 +35,28 @@ class Page:
     """What waits for one connection, and what is known of it."""
 
     def __init__(self) -> None:
-        self.texts: deque[str] = deque()
+        self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
         self.blocks: deque[bytes] = deque(maxlen=WAITING)
         self.wake = asyncio.Event()
         self.skipped = 0
         self.seen = time.monotonic()
-        self.end: tuple[int, str] | None = None  # the code and the reason with which it is closed
+        self.ended = asyncio.Event()
+        self.end = 1000, ""  # the code and the reason with which it is closed
 
     def tell(self, message: Mapping[str, Any]) -> None:
-        self.texts.append(json.dumps(message, allow_nan=False))
+        """A text; of states, the newest counts.  Who reads nothing is closed, so that nothing heaps up."""
+        if self.texts and message["is"] == "state" == self.texts[-1][0]:
+            self.texts.pop()
+        self.texts.append((message["is"], json.dumps(message, allow_nan=False)))
         self.wake.set()
+        if len(self.texts) > WAITING:
+            self.close(4408, "this page reads nothing")
 
     def close(self, code: int, why: str) -> None:
-        self.end = code, why
-        self.wake.set()
+        """End the connection."""
+        if not self.ended.is_set():
+            self.end = code, why
+            self.ended.set()
 
     def put(self, data: bytes) -> None:
         self.skipped += len(self.blocks) == WAITING
@@ -162,10 +172,11 @@ class Stream:
                 self.control = page
                 self.inputs.lift()
                 self._tell_state()
-            elif page is not self.control:
+            elif page is not self.control and about != "move":
                 raise BadValue("another page has control: take it first")
             elif about == "move":
-                self.inputs.move(**message)
+                if page is self.control:
+                    self.inputs.move(**message)
             elif about == "set":
                 self.set(message["name"], message["value"])
                 self._tell_state(but=page)
@@ -224,8 +235,8 @@ class Stream:
             self._tell_state(phase="stopping")
             try:
                 await self._beside(self._end)
-            except StimlibError as e:
-                why = why or str(e)
+            except Exception as e:
+                why = _why(e)
         log, self.log = None, None
         if what != "stop":
             self._tell_state(phase="starting")
@@ -234,8 +245,8 @@ class Stream:
                     log = self._new_folder()
                 await self._beside(self._begin, log)
                 self.log = log
-            except StimlibError as e:
-                why = str(e)
+            except Exception as e:
+                why = _why(e)
         self.why = why
         self._tell_state(phase="idle" if self._sink is None else "running")
 
@@ -310,7 +321,7 @@ class Stream:
             if sink is None:
                 continue
             self._send_report(sink)
-            if sink.error is not None:
+            if sink.error is not None and self._asked is None and self.phase == "running":
                 self._ask("stop", str(sink.error))
             for page in self.pages:
                 if time.monotonic() - page.seen > SILENT:
@@ -333,3 +344,11 @@ class Stream:
         }
         for page in self.pages:
             page.tell(report | {"skipped": page.skipped})
+
+
+def _why(e: Exception) -> str:
+    """What the page says of an error; a defect is logged too."""
+    if isinstance(e, StimlibError):
+        return str(e)
+    logger.exception("the session could not be started or ended")
+    return f"unexpected error: {type(e).__name__}: {e}"
