@@ -53,7 +53,7 @@ def test_imports_point_down(module):
 
 UP = {  # what is taken from above by its name, each in one line; see docs/howto/development.rst
     "core.operators": {"stimlib.blocks.maps"},
-    "core.scene": {"stimlib.blocks", "stimlib.analysis.draw"},
+    "core.scene": {"stimlib.blocks", "stimlib.analysis.draw", "stimlib.live.notebook"},
     "run.rendering": {"stimlib.analysis.picture", "stimlib.files.audio"},
 }
 

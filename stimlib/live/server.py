@@ -1,9 +1,13 @@
-"""The server of the page: five files and one WebSocket, for one machine, behind a token."""
+"""The server of the page: its files and one WebSocket, for one machine, behind a token.
+
+Importing this needs the packages of ``pip install 'stimlib[live]'``.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import hmac
+import html
 import ipaddress
 import secrets
 import socket
@@ -19,6 +23,7 @@ from ..errors import BadValue, SinkError
 from .protocol import BURST, MESSAGE, PAGES, RATE, VERSION, WRONG, message
 from .stream import Page, Stream
 
+_, uvicorn, _ = (package(name, "the live page", "'stimlib[live]'") for name in ("starlette", "uvicorn", "websockets"))
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -62,8 +67,6 @@ class Server:
 
     Raises
     ------
-    MissingPackage
-        starlette, uvicorn or websockets is not installed.
     SinkError
         The port is taken, or the address is not this machine's.
     """
@@ -71,16 +74,12 @@ class Server:
     def __init__(
         self, stream: Stream, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
     ):
-        for name in ("starlette", "uvicorn", "websockets"):
-            package(name, "the live page", "stimlib[live]")
-        import uvicorn
-
         self.stream, self.token = stream, secrets.token_urlsafe(24) if token is None else token
         self._headers = HEADERS | {"Content-Security-Policy": POLICY + framed_by}
         self._files = page_files()
         self._socket = _listen(host, port)
         self.host, self.port = self._socket.getsockname()[:2]
-        self._near = ipaddress.ip_address(self.host).is_loopback
+        self.private = ipaddress.ip_address(self.host).is_loopback
         config = uvicorn.Config(
             self._app(), log_level="warning", ws="websockets-sansio", ws_max_size=MESSAGE, ws_max_queue=32,
             ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
@@ -93,6 +92,16 @@ class Server:
     def url(self) -> str:
         """Address of the page, with the token behind ``#``, which a browser keeps to itself."""
         return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
+
+    def __repr__(self):
+        return f"Server({self.stream.scene!r}, {self.host}:{self.port})"
+
+    def _repr_html_(self) -> str:
+        what = html.escape(self.stream.hello["title"] or repr(self.stream.scene))
+        return (
+            f'<iframe src="{html.escape(self.url)}" title="{what}" allow="autoplay" '
+            'style="width: 100%; height: 720px; border: 0"></iframe>'
+        )
 
     def run(self) -> None:
         """Serve until Ctrl-C or ``close``."""
@@ -165,7 +174,7 @@ class Server:
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
-        if self._near:
+        if self.private:
             return name in ("127.0.0.1", "localhost", "[::1]")
         with suppress(ValueError):
             ipaddress.ip_address(name.strip("[]"))

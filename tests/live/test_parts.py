@@ -181,3 +181,15 @@ def test_nothing_heaps_up_for_a_page_that_reads_nothing():
     finally:
         tracemalloc.stop()
     assert sizes[3] - sizes[1] < 20_000, sizes  # bytes in 6 s of samples
+
+
+def test_a_scene_that_is_shown_again_ends_its_earlier_page():
+    first = SPRING.live(FS, 50.0, title='a "spring"')
+    second = SPRING.live(FS, 50.0)
+    try:
+        assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in second._headers["Content-Security-Policy"]
+        assert first.url in first._repr_html_() and 'title="a &quot;spring&quot;"' in first._repr_html_()
+        assert not first._thread.is_alive() and second._thread.is_alive()
+    finally:
+        second.close()
+    assert not second._thread.is_alive()

@@ -1,6 +1,7 @@
 """The server of the live page, driven by a WebSocket client of its own: a session, a recording, strangers and floods."""
 
 import json
+import socket
 import time
 import urllib.error
 import urllib.request
@@ -68,8 +69,8 @@ def server(tmp_path_factory):
 @contextmanager
 def page(server, host="127.0.0.1", **options):
     at = f"{host}:{server.port}"
-    options = {"origin": f"http://{at}", "address": ("127.0.0.1", server.port), "proxy": None, "compression": None} | options
-    with connect(f"ws://{at}/ws", **options) as ws:
+    sock = socket.create_connection(("127.0.0.1", server.port))
+    with connect(f"ws://{at}/ws", sock=sock, **{"origin": f"http://{at}", "compression": None} | options) as ws:
         yield Client(ws)
 
 
