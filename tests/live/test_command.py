@@ -53,6 +53,17 @@ def test_the_options_come_to_a_server(live, tmp_path):
     assert "others" not in done.stderr and "network" not in done.stderr
 
 
+def test_a_recorded_hand_is_given_with_its_contact_and_stands_still_when_it_is_over(live, tmp_path):
+    run, served = live
+    (tmp_path / "hand.csv").write_text("t_s,pos_mm\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f}\n" for k in range(21)))
+    done = run("--motion", "x=hand.csv", "--map", "x=pos_mm*1e-3", "--full-scale", "50")
+    assert done.exit_code == 0, done.output
+    inputs = served[0].stream.inputs
+    assert {source["from"] for source in inputs.sources.values()} == {"given"}
+    x, contact = inputs.columns(0, 300)
+    assert x[[50, 150, 299]] == pytest.approx([0.0005, 0.0015, 0.002], abs=1e-9) and contact.all()
+
+
 def test_an_open_host_warns(live):
     run, served = live
     done = run("--host", "0.0.0.0", "--full-scale", "50")

@@ -28,6 +28,7 @@ class Client:
 
     def __init__(self, ws):
         self.ws, self.texts, self.heads, self.blocks = ws, [], [], []
+        self.answers = True
 
     def say(self, what, **more):
         self.ws.send(json.dumps({"do": what} | more))
@@ -39,7 +40,7 @@ class Client:
             self.blocks.append(np.frombuffer(m, "<f4", offset=8 * HEAD).reshape(-1, int(self.heads[-1][5])))
             return {"is": "samples"}
         self.texts.append(json.loads(m))
-        if self.texts[-1]["is"] == "report":
+        if self.texts[-1]["is"] == "report" and self.answers:
             self.say("seen", at=self.texts[-1]["at"])
         return self.texts[-1]
 
@@ -129,6 +130,17 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server):
     y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
     assert log.report is not None and y.max() > 0.15 and abs(y[-1]) < 0.005
     assert np.abs(np.diff(y))[-130:].max() < 0.01  # a fade, not a step
+
+
+def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
+    monkeypatch.setattr("stimlib.live.stream.SILENT", 0.3)
+    with greeted(server) as client:
+        client.answers = False
+        client.say("start")
+        with pytest.raises(ConnectionClosed) as closed:
+            while True:
+                client.next()
+    assert closed.value.rcvd.code == 4408 and client.blocks
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):
