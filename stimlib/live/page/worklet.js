@@ -13,7 +13,7 @@ class Player extends AudioWorkletProcessor {
     this.depth = this.min = o.depth ?? 2; // blocks in the ring besides
     this.steer = o.steer ?? true;
     this.on = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.low = 0; this.pole = Math.exp(-2 * Math.PI * SLOW / sampleRate);
-    this.lost = this.under = this.skips = this.missing = 0; this.least = Infinity; this.calm = this.since = 0; this.n = 0;
+    this.lost = this.under = this.skips = this.missing = 0; this.least = this.since = Infinity; this.calm = 0; this.n = 0; // since: s of silence since an underrun
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
   }
@@ -32,7 +32,7 @@ class Player extends AudioWorkletProcessor {
     this.block = Math.max(this.block, d.y.length);
     for (const v of d.y) this.ring[this.head++ & MASK] = v;
     if (this.head - this.at > this.goal() + 8 * this.block + 256 * this.fs / 8000) { // a stall was caught up: begin again near the newest
-      if (this.on) this.skips++;
+      if (this.on) { this.skips++; this.since = Infinity; }
       this.on = false;
     }
   }
@@ -44,8 +44,8 @@ class Player extends AudioWorkletProcessor {
     if (fill < this.goal() + 2 || this.gain > 0) {
       if (this.head) this.lost++;
     } else {
-      if (this.since > 0 && this.since < 0.2) this.depth = Math.min(this.depth + 1, 16);
-      this.on = true; this.since = 0; this.at = this.head - this.goal();
+      if (this.since < 0.2) this.depth = Math.min(this.depth + 1, 16);
+      this.on = true; this.at = this.head - this.goal();
       this.mean = this.goal(); this.sum = 0; this.ratio = 1; this.low = this.ring[Math.floor(this.at) & MASK];
     }
     this.since += dt;
