@@ -27,7 +27,7 @@ def test_the_step_follows_the_servers_clock(pace):
     assert y["ratio"] == pytest.approx(pace, abs=4e-4)
     assert y["rms"] == pytest.approx(RMS, rel=0.003) and abs(y["mean"]) < 5e-4
     assert y["step"] < 1.01 * 0.25 * 2 * math.pi * 158 / 48000  # the sine's own
-    assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.001)  # s: two blocks, and what the card takes at once
+    assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.004)  # s: two blocks, and what the card takes at once
 
 
 def test_without_the_control_it_runs_dry():
