@@ -205,6 +205,7 @@ class Inputs:
         if since is None:
             since = self._changed[name] = at
             self._from[k] = self._last[k]
-        w = (at - since + 1 + np.arange(len(row))) / (CHANGE * self.fs)
-        if w[0] < 1:
-            row[:] = self._from[k] + np.minimum(w, 1.0) * (row - self._from[k])
+        length = CHANGE * self.fs
+        if at - since < length:
+            w = np.minimum(1.0, (at - since + 1 + np.arange(len(row))) / length)
+            row[:] = self._from[k] + w * (row - self._from[k])

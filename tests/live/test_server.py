@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from stimlib import Input, Param, Scene
+from stimlib import Input, Param, Scene, constant
 from stimlib.files.replay import delivered, replay
 from stimlib.files.session import read_log
 from stimlib.live.protocol import HEAD
@@ -163,6 +163,20 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
         assert "control" in first.until(about="set")["text"]
         second.say("stop")
         first.until(phase="idle")
+
+
+def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
+    """Of a scene without inputs, which nobody has to drive."""
+    stream = Stream(Scene({"y": Param("level", 0.5) * constant(1.0)}), FS, 1.0, block=BLOCK, folder=tmp_path)
+    with Server(stream, token="T") as server, greeted(server) as client:
+        client.say("record")
+        folder = client.until(phase="running")["log"]
+        client.hear(12)
+        server.close()
+    log = read_log(folder)
+    y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
+    assert log.report is not None and replay(log).matches
+    assert y.max() == 0.5 and y[-1] == 0 and np.abs(np.diff(y)).max() < 0.005
 
 
 REFUSED = [
