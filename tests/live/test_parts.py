@@ -81,6 +81,7 @@ def test_an_input_goes_over_to_a_sine_and_then_is_one():
     assert x[n - 1 :] == pytest.approx(wanted[n - 1 :], abs=1e-12)
     w = np.arange(1, n) / n
     assert x[: n - 1] == pytest.approx(0.1 + w * (wanted[: n - 1] - 0.1), abs=1e-7)  # the follower is 1e-8 short of 0.1
+    assert inputs.columns(0, 100)[0] == pytest.approx(0.04 - 0.02 * np.cos(4 * np.pi * np.arange(100) / FS))  # a new session
 
 
 def test_pressure_a_held_value_and_a_motion_of_the_callers():
