@@ -249,6 +249,7 @@ class Server:
                 await ws.send_text(page.texts.popleft()[1])
             while page.blocks:
                 await ws.send_bytes(page.blocks.popleft())
+                await asyncio.sleep(0)  # or a lost connection is not seen in between
 
 
 def _listen(host: str, port: int) -> socket.socket:
