@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from stimlib import Input, Param, Scene
+from stimlib import Input, Param, Scene, constant
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
@@ -49,12 +49,13 @@ def test_every_message_of_the_table_is_in_its_text():
     assert all(f"\n{name} " in protocol.__doc__ or f"\n{name}\n" in protocol.__doc__ for name in FIELDS)
 
 
-def test_a_pointer_is_followed_along_its_range():
-    inputs = Inputs(SPRING, FS, {"x": (0.01, 0.03)}, bandwidth=10.0)
+@pytest.mark.parametrize("chosen, bandwidth", [({}, 40.0), ({"bandwidth": 10.0}, 10.0)])
+def test_a_pointer_is_followed_along_its_range(chosen, bandwidth):
+    inputs = Inputs(SPRING, FS, {"x": (0.01, 0.03)}, **chosen)
     assert np.array_equal(inputs.columns(0, 2000)[0, -1:], [0.01])
     inputs.move(0, 0.5, 0.9, 0.3, 0)  # hovers: this scene is not told of contact
     t = np.arange(1, 201) / FS
-    w = 2 * np.pi * 10.0
+    w = 2 * np.pi * bandwidth
     assert inputs.columns(2000, 200)[0] == pytest.approx(0.02 - 0.01 * (1 + w * t) * np.exp(-w * t), abs=1e-12)
 
 
@@ -109,49 +110,70 @@ def test_a_page_is_told_of_the_surface_and_its_avatars():
     assert description(SPRING, ranges_of(SPRING), {"force": 1.0}, {})["view"] is None
 
 
+def test_a_slider_goes_around_its_value():
+    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0}
+    scene = Scene({name: Param(name, v) * constant(1.0) for name, v in values.items()})
+    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0)}
+
+
 def test_ranges_that_are_none_are_refused():
     for given, why in (({"z": (0, 1)}, "has x, k"), ({"x": (1, 0)}, "must be finite and rise"), ({"k": (0, 1)}, "does not hold")):
         with pytest.raises(BadValue if "z" not in given else UnknownName, match=why):
             ranges_of(SPRING, given)
 
 
-def played(feed, tmp_path, seconds=0.3, stall=0.0):
+class Clock:
+    """Time that passes only where somebody sleeps, or stalls."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+        time.sleep(1e-4)
+
+
+def played(feed, tmp_path, monkeypatch, seconds, stall=0.0):
     """A session with its log: what was heard, and the sink."""
-    heard = []
+    clock, heard = Clock(), []
+    monkeypatch.setattr("stimlib.live.sink.time", clock)
 
     def take(at, x, y):
         heard.append((at, y.copy()))
-        if stall and len(heard) == 5:
-            time.sleep(stall)
+        clock.now += stall if len(heard) == 5 else 0.0
 
     sink = PageSink(SPRING, 50.0, feed=feed, take=take, log=tmp_path / "log")
     sink.open(FS, block=20)
     sink.start(seconds)
     while not sink.finished:
-        time.sleep(0.01)
+        time.sleep(0.001)
     sink.close()
     assert replay(read_log(tmp_path / "log")).matches
     return heard, sink
 
 
-def test_a_motion_that_fails_fades_out_and_says_why(tmp_path):
+def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
     def feed(at, n):
         if at > 200:
             raise BadValue("the hand has gone")
         return np.full((1, n), 0.01)
 
-    heard, sink = played(feed, tmp_path, seconds=60.0)
+    heard, sink = played(feed, tmp_path, monkeypatch, seconds=60.0)
     y = np.concatenate([y[0] for _, y in heard])
     assert str(sink.error) == "the hand has gone" and y.max() == np.float32(0.4) and abs(y[-1]) < 0.005
     assert np.abs(np.diff(y)).max() < 0.01
 
 
-def test_what_is_too_late_is_lost_and_told_and_what_is_late_is_caught_up(tmp_path):
-    heard, sink = played(lambda at, n: np.full((1, n), 0.01), tmp_path, seconds=1.0, stall=0.4)
+@pytest.mark.parametrize("stall, lost", [(0.26, 0), (0.28, 260), (0.4, 380), (0.8, 500)])  # one block later there are 20 less
+def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(tmp_path, monkeypatch, stall, lost):
+    heard, sink = played(lambda at, n: np.full((1, n), 0.01), tmp_path, monkeypatch, 1.0, stall)
     report = sink.report()
-    assert 370 <= report.lost <= 520 and report.underruns == 1 and report.produced == 1000
+    assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)
     at = [a for a, _ in heard]
-    assert at[5] - at[4] == 20 + report.lost
+    assert at[:6] == [0, 20, 40, 60, 80, 100 + lost]
 
 
 def test_nothing_heaps_up_for_a_page_that_reads_nothing():

@@ -111,6 +111,7 @@ def test_a_session_is_driven_heard_and_recorded(server):
 
     log = read_log(state["log"])
     assert replay(log).matches and log.header["device"] == "page"
+    assert [e.data["ramp"] for e in log.events if e.data.get("name") == "k"] == [0.02 * FS]
     assert [e.data["reason"] for e in log.events if e.kind == "stop"] == ["close"]
     assert np.array_equal(np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0], y)
 
