@@ -12,7 +12,7 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.live.describe import description, ranges_of
-from stimlib.live.inputs import CHANGE, Inputs
+from stimlib.live.inputs import Inputs
 from stimlib.live.protocol import FIELDS, message
 from stimlib.live.sink import PageSink
 from stimlib.live.stream import WAITING, Page, Stream
@@ -76,7 +76,7 @@ def test_an_input_goes_over_to_a_sine_and_then_is_one():
     inputs.move(0, 1.0, 0.0, 0.0, 1)
     inputs.columns(0, 1000)
     inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06, "freq": 2.0})
-    t, n = np.arange(1000, 1500) / FS, round(CHANGE * FS)
+    t, n = np.arange(1000, 1500) / FS, round(0.1 * FS)
     wanted = 0.04 - 0.02 * np.cos(4 * np.pi * t)
     x = np.concatenate([inputs.columns(at, 100)[0] for at in range(1000, 1500, 100)])
     assert x[n - 1 :] == pytest.approx(wanted[n - 1 :], abs=1e-12)
