@@ -59,6 +59,7 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
     with zipfile.ZipFile(tmp_path / f"{name}-py3-none-any.whl") as wheel:
         wheel.extractall(site)
     assert {p.name for p in site.iterdir()} == {"stimlib", f"{name}.dist-info"}
+    assert (site / "stimlib" / "live" / "page" / "index.html").exists()
     assert (site / "stimlib" / "py.typed").exists() and (site / f"{name}.dist-info" / "licenses" / "LICENSE").exists()
     assert "stimlib = stimlib.__main__:main" in (site / f"{name}.dist-info" / "entry_points.txt").read_text()
     used = said("-c", USE, cwd=tmp_path, PYTHONPATH=str(site))

@@ -8,7 +8,7 @@ import pytest
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = (
     "errors version core design blocks targets motion run plate soft scenes files devices fitting "
-    "analysis checks sweep experiments demo speed cli"
+    "analysis checks sweep experiments demo speed live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
@@ -53,7 +53,7 @@ def test_imports_point_down(module):
 
 UP = {  # what is taken from above by its name, each in one line; see docs/howto/development.rst
     "core.operators": {"stimlib.blocks.maps"},
-    "core.scene": {"stimlib.blocks", "stimlib.analysis.draw"},
+    "core.scene": {"stimlib.blocks", "stimlib.analysis.draw", "stimlib.live.notebook"},
     "run.rendering": {"stimlib.analysis.picture", "stimlib.files.audio"},
 }
 

@@ -16,6 +16,7 @@ def motions_of(
     scene: Any,
     default: tuple[str, ...] = (),
     contact: str = "",
+    all_: bool = True,
     *,
     motion: Annotated[
         list[str],
@@ -67,7 +68,7 @@ def motions_of(
         ),
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
-    """Motion of every input, and its length where it is a recording."""
+    """Motion of every input, or of some (``all_=False``), and its length where it is a recording."""
     from ..motion.recorded import Recording, parse_source, recording, served_by
     from ..motion.text import parse_map, parse_where
 
@@ -110,7 +111,7 @@ def motions_of(
         if len(recordings) > 1:
             raise BadValue("contact: each recording has one; say which serves, such as --motion contact=my.csv")
         motions["contact"] = recordings[0].contact
-    if missing := set(inputs) - set(motions):
+    if all_ and (missing := set(inputs) - set(motions)):
         raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
     return motions, max((found.duration for found in recordings), default=None)
 

@@ -77,6 +77,33 @@ class Scene:
     def _repr_html_(self) -> str:
         return importlib.import_module("stimlib.analysis.draw").html_of(self)
 
+    def live(self, fs: float = 8000.0, safety: Any = None, **options: Any) -> Any:
+        """Show the scene live: in a notebook as a page in the cell, elsewhere at ``.url`` of what is returned.
+
+        A pointer drives it, sliders set its parameters; plots and sound show what comes.  It runs beside the notebook until
+        ``.close()``, or until the same scene is shown again.
+
+        Parameters
+        ----------
+        fs : float
+            Hz.
+        safety : Safety or float, optional
+            As for a sink: the value that is 1.0 in sound and recording; by default twice the peak of a trial.
+        **options
+            ``ranges``, ``given``, ``params``, ``seed``, ``folder``, ``title``, ``block`` and ``bandwidth`` as for
+            ``stimlib.live.stream.Stream``; ``port``.
+
+        Raises
+        ------
+        MissingPackage
+            It needs ``pip install 'stimlib[live]'``.
+
+        Examples
+        --------
+        See ``stimlib.live.notebook.show``.
+        """
+        return importlib.import_module("stimlib.live.notebook").show(self, fs, safety, **options)
+
     # File --------------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
         """The scene as plain JSON data: blocks by registered name, children before parents, arrays as lists."""

@@ -1,0 +1,131 @@
+"""``live``: a scene on a page of the browser."""
+
+from __future__ import annotations
+
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import BadValue
+from . import options as opt
+from .app import command, errors, note
+from .devices import safety_of
+from .motions import motions_of
+from .scene import SceneText, number, params_of, run_files, scene_of, touching
+
+
+def page_safety_of(
+    scales: Callable[[], dict[str, float]],
+    *,
+    full_scale: Annotated[
+        str | None,
+        typer.Option(
+            help="Physical value that is 1.0 in sound and recording, such as 50 (N); nothing goes beyond. For different units: "
+            "a=50,b=0.1. By default twice the peak of a trial.",
+            show_default=False,
+        ),
+    ] = None,
+    peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
+    static: Annotated[float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")] = None,
+    slew: Annotated[
+        str | None,
+        typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
+    ] = None,
+) -> Any:
+    full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
+    return safety_of(full_scale=full_scale, peak=peak, static=static, slew=slew)
+
+
+def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
+    """Ranges of --range."""
+    found = {}
+    for item in items:
+        name, is_, text = item.partition("=")
+        low, to, high = text.partition(":")
+        if not (is_ and to):
+            raise BadValue(f"--range {item}: write NAME=LOW:HIGH, such as x=0:0.1")
+        found[name.strip()] = number(low, f"--range {item}"), number(high, f"--range {item}")
+    return found
+
+
+@command("live", safety=page_safety_of, motions=motions_of)
+def live(
+    scene: SceneText,
+    safety: Any,
+    motions: Any,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to listen at. Another than 127.0.0.1 lets in whoever has the token and can read the network."),
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address only; by default a browser opens it.")
+    ] = False,
+    range_: Annotated[
+        list[str],
+        typer.Option("--range", help="Of an input under the hand, or of a slider: [bold]x=0:0.05[/], in its unit. Repeatable."),
+    ] = [],
+    smooth: Annotated[
+        float, typer.Option(help="Bandwidth in Hz of what follows the pointer; less is smoother and later: 320 ms / it.")
+    ] = 40.0,
+    folder: Annotated[Path, typer.Option(help="Where recordings are put, each the log of a session.")] = Path("."),
+    block: Annotated[int | None, typer.Option(help="Samples made at once; by default 4 ms.", show_default=False)] = None,
+    fs: opt.Rate = 8000.0,
+    set_: opt.SessionParams = [],
+    seed: opt.Seed = 0,
+    import_: opt.Import = [],
+):
+    """Explore a scene in the browser: a pointer drives it, sliders set its parameters, plots and sound show what comes.
+
+    Needs [bold]pip install 'stimlib\\[live]'[/].  Mouse, pen and touch move the first places of a scene; every input may have
+    another source, on the page or by --motion.  What is recorded is the log of a session: [bold]stimlib replay[/] makes it
+    again, [bold]stimlib verify --log[/] proves it.  Ctrl-C fades out.
+
+    [bold]stimlib live "bumps(contact=True)"[/]
+    [bold]stimlib live click_block.py:scene --range x=0:0.01[/]
+    [bold]stimlib live soft_surface --motion "press=sinusoid(0.5, 1, mean=0.5)"[/]
+    """
+    run_files(import_)
+    from ..live.describe import full_scales, ranges_of
+    from ..live.server import Server  # which says what is not installed
+    from ..live.stream import Stream
+
+    made = scene_of(scene)
+    ranges = _ranges(range_)
+    given, _ = motions(made, contact=touching(scene), all_=False)
+    if not folder.is_dir():
+        raise BadValue(f"--folder {folder}: there is no such folder: make it first")
+    errors.print(f"compiling {scene} ..", markup=False, highlight=False, soft_wrap=True)
+    stream = Stream(
+        made,
+        fs,
+        safety(lambda: full_scales(made, fs, ranges_of(made, ranges))),
+        title=scene,
+        ranges=ranges,
+        given=given,
+        block=block,
+        params=params_of(set_),
+        seed=seed,
+        folder=folder,
+        bandwidth=smooth,
+    )
+    server = Server(stream, host, port)
+    stream.warm_up()
+    if not server.private:
+        note(
+            f"{host}: whoever has the address below can drive the scene, and whoever can read the network can read what is sent: "
+            "use it in a network of your own, and end it when you are done"
+        )
+    try:
+        print(server.url, flush=True)
+        errors.print("Ctrl-C ends")
+        if not no_browser:
+            threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
+        server.run()
+    except KeyboardInterrupt:
+        errors.print("faded out")
+        raise typer.Exit(130) from None

@@ -1,0 +1,213 @@
+"""What drives the inputs of a scene while it is live: pointers of a page, a sine, a held value, a motion of the caller's."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks.tracking import track
+from ..core.graph import Block, Input
+from ..core.scene import Scene
+from ..errors import BadValue, UnknownName
+from ..motion.generators import sinusoid
+from ..motion.source import positions
+from ..run.processor import compile
+from .protocol import FINGERS, POINTERS
+
+Array = NDArray[np.float64]
+SMOOTH = 40.0
+"""Bandwidth in Hz of what follows a pointer: 8 ms late."""
+CHANGE = 0.1
+"""Seconds in which an input goes over to a new source."""
+
+
+class Inputs:
+    """Makes the motion of a live scene, block by block.
+
+    What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are followed by ``stimlib.blocks.track``: a
+    hand does not jump.  Contact jumps as it does.  Where an input is told of contact or pressure, a finger that hovers moves
+    nothing, and one that comes back begins where it lands.
+
+    ``columns`` is called by one thread; everything else may be called by another meanwhile, and waits for nobody.
+
+    Parameters
+    ----------
+    scene : Scene
+    fs : float
+        Hz.
+    ranges : mapping of str to (low, high)
+        Of the inputs.
+    given : mapping of str to callable, optional
+        Motions of inputs, functions of time as for ``stimlib.render``: they begin as these.
+    bandwidth : float
+        Of the follower in Hz.
+
+    Raises
+    ------
+    UnknownName
+        A motion of an input that does not exist.
+    BadValue
+        A motion that is no function of time; a bandwidth above fs/2.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.live.inputs import Inputs
+    >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
+    >>> inputs = Inputs(scene, 8000.0, {"x": (0.0, 0.1)})
+    >>> inputs.sources["x"]["from"]
+    'u'
+    >>> inputs.move(0, 0.5, 0.0, 0.0, 1, t=1.0)
+    >>> inputs.columns(0, 800)[0, -1].round(6)
+    np.float64(0.05)
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        fs: float,
+        ranges: Mapping[str, tuple[float, float]],
+        given: Mapping[str, Any] | None = None,
+        bandwidth: float = SMOOTH,
+    ):
+        self.fs, self.names = fs, list(scene.inputs)
+        self.given = dict(given or {})
+        for name, motion in self.given.items():
+            if name not in self.names:
+                raise UnknownName(f"motion of {name}: the scene has no such input; it has {', '.join(self.names) or 'none'}")
+            if not callable(motion):
+                raise BadValue(
+                    f"motion of {name}: a live scene has no end, so give a function of time, not {type(motion).__name__}"
+                )
+        self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
+        self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
+        self.sources = self._first(scene, ranges)
+        self._see_touch()
+        self._changed: dict[str, float | None] = dict.fromkeys(
+            self.names, -math.inf
+        )  # sample of the source's change; None: the next
+        self._last = np.zeros(len(self.names))
+        self._from = np.zeros(len(self.names))
+        outputs: dict[str, Block] = {
+            f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None) for k in range(len(self.names))
+        }
+        self._follow = compile(Scene(outputs), fs) if outputs else None
+        self._row = {name: k for k, name in enumerate(self._follow.inputs)} if self._follow else {}
+
+    def _first(self, scene: Scene, ranges: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
+        """A source for every input: x1, x2, .. share an axis, and what is no place is held."""
+        found: dict[str, dict[str, Any]] = {}
+        axes: dict[str, str] = {}
+        for name in self.names:
+            low, high = ranges[name]
+            unit = str(scene.inputs[name].dim)
+            if name in self.given:
+                kind = "given"
+            elif name in ("contact", "press"):
+                kind = {"contact": "contact", "press": "pressure"}[name]
+            elif unit in ("m", "m/s") or name == "angle":
+                kind = axes.setdefault(name.rstrip("0123456789"), ("u", "v")[len(axes)] if len(axes) < 2 else "value")
+            else:
+                kind = "value"
+            rest = min(max(0.0, low), high) if kind != "value" else (low + high) / 2
+            found[name] = {"from": kind, "finger": 0, "low": low, "high": high, "freq": 1.0, "value": rest}
+        return found
+
+    def _see_touch(self) -> None:
+        self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
+
+    def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
+        """A finger is somewhere; the next block has it."""
+        if not (on or not self.touches):
+            u, v = self.fingers[finger][:2]
+        self.fingers[finger] = (u, v, p if on else 0.0, float(on))
+        self.newest = (t, time.perf_counter())
+
+    def lift(self) -> None:
+        """All fingers leave."""
+        self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
+
+    def choose(self, name: str, **source: Any) -> None:
+        """Another source of an input, or other numbers of it.
+
+        Raises
+        ------
+        UnknownName
+            No such input.
+        BadValue
+            A range that does not rise; ``given`` where nothing was given.
+        """
+        if name not in self.sources:
+            raise UnknownName(f"source: no input {name!r}; the inputs are {', '.join(self.names) or 'none'}")
+        made = self.sources[name] | source
+        if made["from"] == "given" and name not in self.given:
+            raise BadValue(f"source: nothing was given for {name}: start with --motion '{name}=..'")
+        if not made["low"] < made["high"]:
+            raise BadValue(f"source of {name}: low = {made['low']:g} must be below high = {made['high']:g}")
+        self._changed[name] = None
+        self.sources[name] = made
+        self._see_touch()
+
+    def columns(self, at: int, n: int) -> Array:
+        """The motion of samples at .. at + n - 1, shape (n_inputs, n).
+
+        Raises
+        ------
+        BadValue
+            A motion of the caller's that is not finite, or ends.
+        """
+        x = np.empty((len(self.names), n))
+        if self._follow is None:
+            return x
+        held = np.zeros((2 * len(self.names), n))
+        sources = dict(self.sources)
+        for k, source in enumerate(sources.values()):
+            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source)
+        followed = self._follow.process(held)
+        for k, (name, source) in enumerate(sources.items()):
+            x[k] = followed[k]
+            if source["from"] == "contact":
+                x[k] = held[self._row[f"x{k}"], 0]
+            elif source["from"] in ("sine", "given"):
+                x[k] = positions({name: self._motion(name, source)}, at, at + n, self.fs)[0]
+            if source["from"] != "contact":
+                self._go_over(k, name, x[k], at)
+            self._last[k] = x[k, -1]
+        return x
+
+    def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
+        """Where the follower is to go, and whether it is in contact."""
+        kind = source["from"]
+        if kind not in POINTERS:
+            return source["value"], 1.0
+        u, v, p, on = self.fingers[source["finger"]]
+        low, high = source["low"], source["high"]
+        if kind == "contact":
+            return on, 1.0
+        if kind == "pressure":
+            return low + p * (high - low), 1.0
+        return low + (u if kind == "u" else v) * (high - low), on if self.touches else 1.0
+
+    def _motion(self, name: str, source: Mapping[str, Any]) -> Any:
+        if source["from"] == "given":
+            return self.given[name]
+        low, high = source["low"], source["high"]
+        return sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
+
+    def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
+        """From what the old source had to what the new one has, along a straight line."""
+        since = self._changed[name]
+        if since is None:
+            since = self._changed[name] = at
+            self._from[k] = self._last[k]
+        elif since > at:  # a new session counts from 0: what was chosen in the last one is what it has
+            since = self._changed[name] = -math.inf
+        length = CHANGE * self.fs
+        if at - since < length:
+            w = np.minimum(1.0, (at - since + 1 + np.arange(len(row))) / length)
+            row[:] = self._from[k] + w * (row - self._from[k])

@@ -1,0 +1,54 @@
+"""A scene live in a cell of a notebook, or in a browser beside a program."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.scene import Scene
+from ..run.safety import Safety
+from .server import Server
+from .stream import Stream
+
+NEAR = "http://127.0.0.1:* http://localhost:*"
+"""Who may show the page in a frame: notebooks of this machine."""
+_shown: dict[str, Server] = {}
+
+
+def show(scene: Scene, fs: float = 8000.0, safety: Safety | float | None = None, *, port: int = 0, **options: Any) -> Server:
+    """A server of this scene, in a thread: what ``Scene.live`` gives.
+
+    Parameters
+    ----------
+    scene, fs, safety, **options
+        As for ``stimlib.live.stream.Stream``.
+    port : int
+        0 takes a free one.
+
+    Returns
+    -------
+    Server
+        A notebook shows its page; ``url`` is its address, ``close()`` fades out and ends it.  Of a scene that is shown already
+        the earlier server is closed.
+
+    Raises
+    ------
+    MissingPackage
+        The extra ``live`` is not installed.
+    UnknownName, BadValue, SinkError
+        As ``Stream`` and ``Server``.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.live.notebook import show
+    >>> page = show(stimlib.Scene({"y": 2 * stimlib.Input("x")}), safety=4.0, title="doubled")
+    >>> page.url.startswith("http://127.0.0.1:"), page._repr_html_()[:27]
+    (True, '<iframe src="http://127.0.0')
+    >>> page.close()
+    """
+    stream = Stream(scene, fs, safety, **options)
+    stream.warm_up()
+    if earlier := _shown.pop(scene.hash, None):
+        earlier.close()
+    _shown[scene.hash] = server = Server(stream, port=port, framed_by=NEAR)
+    return server.start()

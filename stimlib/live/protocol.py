@@ -1,0 +1,167 @@
+"""What page and server say to each other over the one WebSocket, ``/ws``.
+
+Text is one JSON object. What the page says has ``do``, what the server says has ``is``; other fields are as in the tables.
+
+=========== ============================================= ================================================================
+page: do    fields                                        meaning
+=========== ============================================= ================================================================
+hello       token, version                                first message, within 2 s; the token is the URL's fragment
+move        finger, u, v, p, on, t                        finger 0 .. 9 is at (u, v), 0 to 1 from the pad's lower left corner,
+                                                          with pressure p (0 to 1); on: 1 touches, 0 not (hovers, or has left);
+                                                          t: the event's time in ms, which comes back in its samples
+set         name, value                                   a parameter, in its unit, within the range that hello has; 20 ms ramp
+source      input, from, finger, low, high, freq, value   what drives an input, from: ``u``, ``v``, ``pressure`` (low at 0, high
+                                                          at 1), ``contact`` (0, 1), each of a finger; ``sine`` (between low and
+                                                          high, freq in Hz), ``value`` (held), ``given`` (what --motion gave).
+                                                          Fields that are left out stay as they are
+start                                                     a new session from sample 0, faded in; ends one that runs
+stop                                                      fade out and end the session; a recording is whole then
+record                                                    as start, with a log; ``stop`` ends it. State tells its folder
+control                                                   take control; the page that has it watches from then on
+seen        at                                            answer to each report, with its at: who is silent for 2 s is gone
+=========== ============================================= ================================================================
+
+=========== ============================================= ================================================================
+server: is  fields                                        meaning
+=========== ============================================= ================================================================
+hello       version, title, fs, block, inputs, params,    first message; see below
+            outputs, view
+state       role, phase, session, log, sources, params,   after hello and after every change. role: control or watch; phase:
+            why                                           idle, starting, running or stopping; session: number of it; log:
+                                                          folder of the recording, or null; sources: {input: source}; params:
+                                                          {name: value}; why: what ended the last session
+report      session, at, seconds, lost, underruns,        five times a second while a session runs. at: next sample; lost:
+            late, skipped, clips, faults, time, busy      samples that came too late in underruns times; late: s behind now;
+                                                          skipped: blocks that this page was too slow for; clips, faults as in
+                                                          a sink's report; time: Unix time in s; busy: part of a block's time
+error       about, text                                   what was asked for is refused, and why; about: its ``do``
+=========== ============================================= ================================================================
+
+hello has
+
+- inputs: list of {name, unit, low, high, given}: low and high are a sensible range, given whether ``from: given`` exists
+- params: list of {name, unit, value, low, high}, for sliders
+- outputs: list of {name, unit, full}: full is the value in that unit that is 1 in the samples and at a device, so the safety
+  stage's limit
+- view: null, or of a scene for the eye {kind: "surface", width, height (m), columns, rows, levels (rows * columns numbers 0 to
+  1, first row at y = 0), inputs: {x, y, press (or null)}, avatars: list of {x, y, depth (or null)}, force (or null)}: names of
+  inputs and outputs
+
+Samples are binary, little-endian: HEAD float64
+
+====== ==================================================================
+0      index of the first sample, from the start of the session
+1      t of the newest move that these samples have seen, 0 if none
+2      ms from its arrival at the server until these samples were made
+3      the server's clock in s when they were made (its zero means nothing)
+4      number of the session
+5      n, samples in this message, at most block
+====== ==================================================================
+
+then float32: n of each input (in its unit, as the scene had them), n of each output (of full scale, -1 to 1, as a device is
+given them). Indices that are missing were lost or skipped. Every session has its own log's index, so what is drawn can be
+found in a recording.
+
+The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408 (silent, or reads nothing), 4409 (two pages
+are there already) or 4429 (too many messages): trying again does not help. Anything else does: a page asks again for a server
+that it has lost.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import fields
+from ..errors import BadValue
+
+VERSION = 1
+HEAD = 6
+"""Numbers of float64 ahead of the samples."""
+
+MESSAGE = 1024
+"""Most bytes of a page's message."""
+RATE, BURST = 1200.0, 300.0
+"""Most messages of a page in a second, and at once."""
+WRONG = 20
+"""Messages that a page may send and that are not understood."""
+PAGES = 2
+SILENT = 2.0
+"""Seconds without an answer after which a page is gone."""
+REPORTS = 0.2
+"""Seconds from report to report."""
+
+FINGERS = 10
+POINTERS = ("u", "v", "pressure", "contact")
+SOURCES = (*POINTERS, "sine", "value", "given")
+
+_UNIT = fields.between(0, 1)
+_WIDE = fields.between(-1e9, 1e9)
+_FINGER = fields.whole(FINGERS - 1)
+FIELDS: dict[str, dict[str, fields.Test]] = {
+    "hello": {"token": fields.text, "version": fields.whole(1000)},
+    "move": {"finger": _FINGER, "u": _UNIT, "v": _UNIT, "p": _UNIT, "on": fields.whole(1), "t": fields.between(0, 1e14)},
+    "set": {"name": fields.text, "value": fields.number},
+    "source": {"input": fields.text, "from": fields.one_of(*SOURCES)},
+    "start": {},
+    "stop": {},
+    "record": {},
+    "control": {},
+    "seen": {"at": fields.whole(2**53)},
+}
+OPTIONS: dict[str, fields.Test] = {
+    "finger": _FINGER, "low": _WIDE, "high": _WIDE, "freq": fields.between(0.01, 1000), "value": _WIDE,
+}  # fmt: skip
+"""What a source may have besides."""
+
+
+def message(text: str | bytes) -> dict[str, Any]:
+    """What a page says, checked; its field ``do`` names a row of the table.
+
+    Raises
+    ------
+    BadValue
+        It is none of the table's.
+
+    Examples
+    --------
+    >>> from stimlib.live.protocol import message
+    >>> message('{"do": "set", "name": "k", "value": 2000}')
+    {'do': 'set', 'name': 'k', 'value': 2000}
+    >>> message('{"do": "set", "name": "k", "value": NaN}')
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: page: NaN is not a finite number
+    """
+    try:
+        found = fields.parse(text if isinstance(text, bytes) else text.encode())
+        fields.require(found, {"do": fields.one_of(*FIELDS)})
+        known = FIELDS[found["do"]]
+        fields.require(found, known)
+        given = {name: test for name, test in OPTIONS.items() if name in found} if found["do"] == "source" else {}
+        fields.require(found, given)
+        if surplus := found.keys() - {"do"} - known.keys() - given.keys():
+            raise ValueError(f"{found['do']} has no {', '.join(sorted(surplus))[:80]}")
+    except ValueError as e:
+        raise BadValue(f"page: {e}") from None
+    return found
+
+
+def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float32]) -> bytes:
+    """A binary message.
+
+    Parameters
+    ----------
+    head : tuple of HEAD float
+    x : ndarray, shape (n_inputs, n)
+    y : ndarray, shape (n_outputs, n)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.live.protocol import samples
+    >>> len(samples((0, 0, 0, 0, 1, 32), np.zeros((1, 32)), np.zeros((2, 32), np.float32))) == 6 * 8 + 3 * 32 * 4
+    True
+    """
+    return np.array(head, "<f8").tobytes() + x.astype("<f4").tobytes() + y.astype("<f4").tobytes()

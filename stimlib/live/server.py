@@ -1,0 +1,270 @@
+"""The server of the page: its files and one WebSocket, for one machine, behind a token.
+
+Importing this needs the packages of ``pip install 'stimlib[live]'``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import html
+import ipaddress
+import secrets
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from ..core.packages import package
+from ..errors import BadValue, SinkError
+from .protocol import BURST, MESSAGE, PAGES, RATE, VERSION, WRONG, message
+from .stream import Page, Stream
+
+_, uvicorn, _ = (package(name, "the live page", "'stimlib[live]'") for name in ("starlette", "uvicorn", "websockets"))
+TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+POLICY = (
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors "
+)
+"""Content security policy: what the page loads comes from here, and nothing in it is run from text."""
+HELLO = 2.0
+"""Seconds in which a page must show its token."""
+
+
+def page_files() -> dict[str, tuple[str, bytes]]:
+    """What is served: path, media type and content of every file of ``stimlib/live/page``, read once."""
+    found = {}
+    for f in Path(__file__).with_name("page").iterdir():
+        if kind := TYPES.get(f.suffix[1:]):
+            found["/" if f.name == "index.html" else f"/{f.name}"] = kind, f.read_bytes()
+    return found
+
+
+class Server:
+    """A stream on a port.
+
+    Parameters
+    ----------
+    stream : Stream
+    host : str
+        Address to listen at.
+    port : int
+        0 takes a free one.
+    token : str, optional
+        By default a new one, of 192 bits.
+    framed_by : str
+        Sources of the policy's ``frame-ancestors``: who may show the page in a frame.
+
+    Raises
+    ------
+    SinkError
+        The port is taken, or the address is not this machine's.
+    """
+
+    def __init__(
+        self, stream: Stream, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
+    ):
+        self.stream, self.token = stream, secrets.token_urlsafe(24) if token is None else token
+        self._headers = HEADERS | {"Content-Security-Policy": POLICY + framed_by}
+        self._files = page_files()
+        self._socket = _listen(host, port)
+        self.host, self.port = self._socket.getsockname()[:2]
+        self.private = ipaddress.ip_address(self.host).is_loopback
+        config = uvicorn.Config(
+            self._app(), log_level="warning", ws="websockets-sansio", ws_max_size=MESSAGE, ws_max_queue=32,
+            ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
+            timeout_graceful_shutdown=1, server_header=False, date_header=False, proxy_headers=False,
+        )  # fmt: skip
+        self._uvicorn = uvicorn.Server(config)
+        self._thread: threading.Thread | None = None
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the token behind ``#``, which a browser keeps to itself."""
+        return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
+
+    def __repr__(self):
+        return f"Server({self.stream.scene!r}, {self.host}:{self.port})"
+
+    def _repr_html_(self) -> str:
+        what = html.escape(self.stream.hello["title"] or repr(self.stream.scene))
+        return (
+            f'<iframe src="{html.escape(self.url)}" title="{what}" allow="autoplay" '
+            'style="width: 100%; height: 720px; border: 0"></iframe>'
+        )
+
+    def run(self) -> None:
+        """Serve until Ctrl-C or ``close``."""
+        with self._socket:
+            self._uvicorn.run(sockets=[self._socket])
+
+    def start(self) -> Server:
+        """Serve in a thread, until ``close``."""
+        self._thread = threading.Thread(target=self.run, name="stimlib live server", daemon=True)
+        self._thread.start()
+        while not self._uvicorn.started:
+            if not self._thread.is_alive():
+                raise SinkError(f"the live page could not be served at {self.host}:{self.port}")
+            time.sleep(0.005)
+        return self
+
+    def close(self) -> None:
+        """Fade out and end."""
+        self._uvicorn.should_exit = True
+        if self._thread is not None:
+            self._thread.join(10.0)
+
+    def __enter__(self) -> Server:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # What is answered --------------------------------------------------------------------------------------------
+    def _app(self) -> Any:
+        from starlette.applications import Starlette
+        from starlette.responses import Response
+        from starlette.routing import Route, WebSocketRoute
+
+        async def get(request: Any) -> Any:
+            kind, content = self._files[request.url.path]
+            return Response(content, media_type=kind)
+
+        @asynccontextmanager
+        async def lifespan(app: Any) -> AsyncIterator[None]:
+            run = asyncio.create_task(self.stream.run())
+            try:
+                yield
+            finally:
+                run.cancel()
+                with suppress(asyncio.CancelledError):
+                    await run
+
+        routes = [Route(path, get) for path in self._files] + [WebSocketRoute("/ws", self._talk)]
+        app = Starlette(routes=routes, lifespan=lifespan)
+        headers = [(name.lower().encode(), value.encode()) for name, value in self._headers.items()]
+
+        async def guarded(scope: Any, receive: Any, send: Any) -> None:
+            """Whatever is answered has our headers, and is for a host of our name."""
+
+            async def answer(part: Any) -> None:
+                await send(part | {"headers": [*part["headers"], *headers]} if part["type"] == "http.response.start" else part)
+
+            if scope["type"] != "http":
+                await app(scope, receive, send)
+            elif self._known(dict(scope["headers"]).get(b"host", b"").decode("latin-1")):
+                await app(scope, receive, answer)
+            else:
+                await Response("wrong host", 421)(scope, receive, answer)
+
+        return guarded
+
+    def _known(self, host: str) -> bool:
+        """Whether a Host is this machine's: under a name of somebody else's, a stranger's page would be of our origin."""
+        name, _, port = host.rpartition(":")
+        if port != str(self.port):
+            return False
+        if self.private:
+            return name in ("127.0.0.1", "localhost", "[::1]")
+        with suppress(ValueError):
+            ipaddress.ip_address(name.strip("[]"))
+            return True
+        return name in ("localhost", socket.gethostname())
+
+    async def _talk(self, ws: Any) -> None:
+        """One page, from its first word to its last."""
+        from starlette.websockets import WebSocketDisconnect
+
+        host = ws.headers.get("host", "")
+        if not self._known(host) or ws.headers.get("origin") != f"http://{host}":
+            await ws.close()  # before it is accepted: HTTP 403
+            return
+        await ws.accept()
+        page = Page()
+        if refused := await self._greet(ws):
+            await ws.close(*refused)
+            return
+        self.stream.join(page)
+        tasks = [asyncio.create_task(work) for work in (self._listen(ws, page), self._speak(ws, page), page.ended.wait())]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self.stream.leave(page)
+            with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):  # it is closed already, or takes nothing
+                await asyncio.wait_for(ws.close(*page.end), 1.0)
+
+    async def _greet(self, ws: Any) -> tuple[int, str] | None:
+        """Why a page is refused."""
+        try:
+            first = await asyncio.wait_for(ws.receive(), HELLO)
+            hello = message(first.get("text") or first.get("bytes") or b"")
+            token = str(hello.get("token", "")).encode(errors="replace")
+        except (TimeoutError, BadValue):
+            token = b""
+        if not hmac.compare_digest(token, self.token.encode()):
+            return 4401, "the token is missing or wrong: open the address that the terminal shows"
+        if hello["version"] != VERSION:
+            return 4400, "this page is of another release: load it again"
+        if len(self.stream.pages) >= PAGES:
+            return 4409, f"{PAGES} pages are open already: close one"
+        return None
+
+    async def _listen(self, ws: Any, page: Page) -> None:
+        """What the page says, as long as it is not too much and can be understood."""
+        budget, then, wrong = BURST, time.monotonic(), 0
+        while (got := await ws.receive())["type"] == "websocket.receive":
+            now = time.monotonic()
+            budget, then = min(BURST, budget + (now - then) * RATE) - 1, now
+            if budget < 0:
+                return page.close(4429, "too many messages")
+            try:
+                said = message(got.get("text") or got.get("bytes") or b"")
+            except BadValue as e:
+                wrong += 1
+                if wrong > WRONG:
+                    return page.close(4400, "messages are not understood")
+                page.tell({"is": "error", "about": "", "text": str(e)})
+                continue
+            self.stream.do(page, said)
+
+    async def _speak(self, ws: Any, page: Page) -> None:
+        """What waits for the page: texts first, since they say what the samples are."""
+        while True:
+            await page.wake.wait()
+            page.wake.clear()
+            while page.texts:
+                await ws.send_text(page.texts.popleft()[1])
+            while page.blocks:
+                await ws.send_bytes(page.blocks.popleft())
+                await asyncio.sleep(0)  # or a lost connection is not seen in between
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        return socket.create_server((host, port), family=family)
+    except (OSError, OverflowError) as e:
+        why = getattr(e, "strerror", None) or e
+        raise SinkError(f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one") from None
+
+
+def _netloc(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _name(host: str) -> str:
+    """What others call this machine; where it listens everywhere, by its name."""
+    return socket.gethostname() if host in ("0.0.0.0", "::") else host

@@ -1,0 +1,117 @@
+"""The sink whose device is a page: it makes blocks at the pace of the clock and hands them on."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Scene
+from ..devices.process import begin
+from ..devices.sink import Sink
+from ..devices.sources import Live
+from ..run.safety import Safety
+
+LATE = 0.25
+"""Seconds behind the clock that are caught up; what is more is lost, as in a device that had no samples."""
+MOST_LOST = 0.5
+"""Seconds that are lost at once; a process that was stopped for longer goes on from there."""
+
+
+class PageSink(Sink):
+    """Plays to a page, with the log, the safety stage and the fades of every sink.
+
+    Parameters
+    ----------
+    scene, safety, **options
+        See ``Sink``.
+    feed : callable
+        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs, n).
+    take : callable
+        ``take(at, x, y)`` is given each block: motion (float64), and frames as a device gets them, shape (n_outputs, n) of
+        float32, which change after it returns.
+
+    Notes
+    -----
+    Both are called in the sink's own thread and must not wait.  Blocks that are late are made at once, up to 0.25 s of them, so
+    that jitter of the machine shortens no sound; then samples are lost, and told.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.live.sink import PageSink
+    >>> scene, peaks = stimlib.Scene({"y": 2 * stimlib.Input("x")}), []
+    >>> def take(at, x, y):
+    ...     peaks.append(float(y.max()))
+    >>> with PageSink(scene, 4.0, feed=lambda at, n: np.ones((1, n)), take=take) as sink:
+    ...     sink.open(8000)
+    ...     sink.start(seconds=0.1)
+    ...     sink.wait()
+    >>> max(peaks)
+    0.5
+    """
+
+    device = "page"
+
+    def __init__(
+        self,
+        scene: Scene,
+        safety: Safety | float | None = None,
+        *,
+        feed: Callable[[int, int], NDArray[np.float64]],
+        take: Callable[[int, NDArray[np.float64], NDArray[np.float32]], None],
+        **options: Any,
+    ):
+        motion = Live(1.0) if isinstance(scene, Scene) and scene.inputs else None
+        super().__init__(scene, safety, motion=motion, realtime=False, **options)
+        self._feed, self._take = feed, take
+        self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
+        self.late = self.busy = 0.0
+        """Seconds behind the clock, and part of a block's time that making it took, each of late."""
+
+    def _open(self) -> None:
+        self.block = self.block or max(1, round(0.004 * self.rate))
+        self.buffer = np.zeros((self.channels, self.block), np.float32)
+        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
+        self._thread = begin(threading.Thread(target=self._loop, name="stimlib page", daemon=True))
+
+    def _loop(self) -> None:
+        period = (self.block or 1) / self.rate
+        due = time.perf_counter()
+        while self.pump.state != self.pump.native.CLOSED:
+            now = time.perf_counter()
+            if now < due:
+                time.sleep(due - now)
+                continue
+            self.late = now - due
+            lost = 0
+            if self.late > LATE:
+                lost, due = round(min(self.late, MOST_LOST) * self.rate), now
+            due += period
+            if self.pump.state == self.pump.native.RUNNING:
+                self._make(lost if self.pump.read("DELIVERED") else 0)
+                self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
+
+    def _make(self, lost: int) -> None:
+        """One block, after ``lost`` samples that nobody gets."""
+        pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
+        try:
+            x = np.ascontiguousarray(self._feed(pump.index, lost + n))
+        except Exception as e:  # of a motion that is not ours: it stands still while the session fades
+            self._fail(e)
+            x = np.repeat(self._x[:, -1:], lost + n, axis=1)
+        self._x = x
+        if len(x):
+            pump.put_motion(x)
+        pump.block(n, lost)
+        if done := pump.read("DELIVERED") - begun:
+            self._take(pump.index - done, x[:, lost : lost + done], self.buffer[:, :done])
+
+    def _close(self) -> None:
+        self.pump.write("STATE", self.pump.native.CLOSED)
+        if hasattr(self, "_thread") and threading.current_thread() is not self._thread:
+            self._thread.join()

@@ -1,0 +1,354 @@
+"""One live scene: its sessions, and the pages that hear them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import time
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import Scene
+from ..errors import BadValue, StimlibError, UnknownName
+from ..run.safety import Safety
+from .describe import Range, description, full_scales, ranges_of
+from .inputs import SMOOTH, Inputs
+from .protocol import HEAD, REPORTS, SILENT, VERSION, samples
+from .sink import PageSink
+
+logger = logging.getLogger(__name__)
+WAITING = 64
+"""Messages that may wait for a page: a quarter of a second of samples; then the oldest are skipped."""
+RAMP = 0.02
+"""Seconds of a slider's change."""
+
+
+class Page:
+    """What waits for one connection, and what is known of it."""
+
+    def __init__(self) -> None:
+        self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
+        self.blocks: deque[bytes] = deque(maxlen=WAITING)
+        self.wake = asyncio.Event()
+        self.skipped = 0
+        self.seen = time.monotonic()
+        self.ended = asyncio.Event()
+        self.end = 1000, ""  # the code and the reason with which it is closed
+
+    def tell(self, message: Mapping[str, Any]) -> None:
+        """A text; of states, the newest counts.  Who reads nothing is closed, so that nothing heaps up."""
+        if self.texts and message["is"] == "state" == self.texts[-1][0]:
+            self.texts.pop()
+        self.texts.append((message["is"], json.dumps(message, allow_nan=False)))
+        self.wake.set()
+        if len(self.texts) > WAITING:
+            self.close(4408, "this page reads nothing")
+
+    def close(self, code: int, why: str) -> None:
+        """End the connection."""
+        if not self.ended.is_set():
+            self.end = code, why
+            self.ended.set()
+
+    def put(self, data: bytes) -> None:
+        self.skipped += len(self.blocks) == WAITING
+        self.blocks.append(data)
+        self.wake.set()
+
+
+class Stream:
+    """A scene that pages start, drive, record and hear.
+
+    A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of its own; everything here is of the event
+    loop, and whatever takes long (compiling, fading out, ending a log) runs beside it.  One page has control: the first, or the
+    one that takes it.  When it goes, the session fades out.
+
+    Parameters
+    ----------
+    scene : Scene
+    fs : float
+        Hz.
+    safety : Safety, float or None
+        As for a sink; None takes ``full_scales``.
+    title : str
+    ranges : mapping of str to (low, high), optional
+        See ``ranges_of``.
+    given : mapping, optional
+        Motions of inputs, see ``Inputs``.
+    block : int, optional
+        Samples made at once; by default 4 ms.
+    params : mapping of str to float, optional
+        That differ from the scene's.
+    seed : int
+    folder : path
+        Where recordings are put, each a log in a folder of its own.
+    bandwidth : float
+        Of what follows a pointer, in Hz.
+
+    Raises
+    ------
+    UnknownName, BadValue
+        Names or numbers that do not fit the scene.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        fs: float = 8000.0,
+        safety: Safety | float | None = None,
+        *,
+        title: str = "",
+        ranges: Mapping[str, Range] | None = None,
+        given: Mapping[str, Any] | None = None,
+        block: int | None = None,
+        params: Mapping[str, float] | None = None,
+        seed: int = 0,
+        folder: str | Path = ".",
+        bandwidth: float = SMOOTH,
+    ):
+        self.scene, self.fs, self.seed, self.folder = scene, float(fs), seed, Path(folder)
+        self.block = block or max(1, round(0.004 * fs))
+        self.ranges = ranges_of(scene, ranges)
+        if safety is None:
+            safety = Safety(full_scales(scene, fs, self.ranges))
+        self.safety = safety if isinstance(safety, Safety) else Safety(safety)
+        self.inputs = Inputs(scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth)
+        self.params = {name: p.value for name, p in scene.params.items()}
+        self._sets: dict[str, float] = {}  # for the next block
+        for name, value in (params or {}).items():
+            self.set(name, value)
+        full = dict(zip(scene.outputs, self.safety.scales(tuple(scene.outputs)).tolist(), strict=True))
+        self.hello: dict[str, Any] = {"version": VERSION, "title": title, "fs": self.fs, "block": self.block}
+        self.hello |= description(scene, self.ranges, full, self.inputs.given)
+        self.pages: list[Page] = []
+        self.control: Page | None = None
+        self.session, self.phase, self.why = 0, "idle", ""
+        self.log: Path | None = None
+        self._sink: PageSink | None = None
+        self._asked: tuple[str, str] | None = None  # start, record or stop; why
+        self._wake = asyncio.Event()
+        self._hands = ThreadPoolExecutor(1, "stimlib live")
+
+    def warm_up(self) -> None:
+        """Compile what a session needs, so that the first one begins at once."""
+        sink = self._made(None)
+        sink.open(self.fs, block=self.block)
+        self.inputs.columns(0, self.block)
+        sink.close()
+
+    # Pages -------------------------------------------------------------------------------------------------------
+    def join(self, page: Page) -> None:
+        """A page that has said hello; the first has control."""
+        self.pages.append(page)
+        self.control = self.control or page
+        values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
+        page.tell({"is": "hello"} | self.hello | {"params": values})
+        self._tell_state()
+
+    def leave(self, page: Page) -> None:
+        """A page has gone; if it had control, the session fades out."""
+        self.pages.remove(page)
+        if self.control is page:
+            self.control = None
+            self.inputs.lift()
+            self._ask("stop", "the page that had control has gone")
+        self._tell_state()
+
+    def do(self, page: Page, message: dict[str, Any]) -> None:
+        """What a page says, of ``protocol.message``; what is refused it is told."""
+        about = message.pop("do")
+        try:
+            if about == "seen":
+                page.seen = time.monotonic()
+            elif about == "control":
+                self.control = page
+                self.inputs.lift()
+                self._tell_state()
+            elif page is not self.control and about != "move":
+                raise BadValue("another page has control: take it first")
+            elif about == "move":
+                if page is self.control:
+                    self.inputs.move(**message)
+            elif about == "set":
+                self.set(message["name"], message["value"])
+                self._tell_state(but=page)
+            elif about == "source":
+                self.inputs.choose(message.pop("input"), **message)
+                self._tell_state()
+            else:
+                self._ask(about, "")
+        except StimlibError as e:
+            page.tell({"is": "error", "about": about, "text": str(e)})
+
+    def set(self, name: str, value: float) -> None:
+        """Change a parameter, of the session that runs and of those to come.
+
+        Raises
+        ------
+        UnknownName
+            No such parameter.
+        BadValue
+            Outside its range.
+        """
+        if name not in self.params:
+            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.params) or 'none'}")
+        low, high = self.ranges[name]
+        if not low <= value <= high:
+            raise BadValue(
+                f"{name} = {value:g} is outside its range, {low:g} to {high:g}; --range {name}=LOW:HIGH makes it another"
+            )
+        self.params[name] = float(value)
+        self._sets = self._sets | {name: float(value)}
+
+    # Course ------------------------------------------------------------------------------------------------------
+    def _ask(self, what: str, why: str) -> None:
+        """The newest wish counts."""
+        self._asked = what, why
+        self._wake.set()
+
+    async def run(self) -> None:
+        """Until it is cancelled: sessions as they are asked for, and reports."""
+        self._loop = asyncio.get_running_loop()
+        reports = asyncio.create_task(self._report())
+        try:
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                if self._asked is not None:
+                    (what, why), self._asked = self._asked, None
+                    await self._change(what, why)
+        finally:
+            reports.cancel()
+            await self._beside(self._end)
+            self._hands.shutdown()
+
+    async def _change(self, what: str, why: str) -> None:
+        if self._sink is not None:
+            self._tell_state(phase="stopping")
+            try:
+                await self._beside(self._end)
+            except Exception as e:
+                why = _why(e)
+        log, self.log = None, None
+        if what != "stop":
+            self._tell_state(phase="starting")
+            try:
+                if what == "record":
+                    log = self._new_folder()
+                await self._beside(self._begin, log)
+                self.log = log
+            except Exception as e:
+                why = _why(e)
+        self.why = why
+        self._tell_state(phase="idle" if self._sink is None else "running")
+
+    async def _beside(self, f: Any, *args: Any) -> None:
+        await self._loop.run_in_executor(self._hands, f, *args)
+
+    def _made(self, log: Path | None) -> PageSink:
+        params = {name: v for name, v in self.params.items() if v != self.scene.params[name].value}
+        return PageSink(self.scene, self.safety, feed=self._feed, take=self._take, seed=self.seed, params=params, log=log)
+
+    def _begin(self, log: Path | None) -> None:
+        self._sets = {}
+        sink = self._made(log)
+        sink.open(self.fs, block=self.block)
+        self.session += 1
+        sink.start()
+        self._sink = sink
+        for page in self.pages:
+            page.seen = time.monotonic()
+
+    def _end(self) -> None:
+        sink, self._sink = self._sink, None
+        if sink is not None:
+            sink.close()
+            sink.check()
+
+    def _new_folder(self) -> Path:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        names = [f"live-{stamp}{more}.stimlog" for more in ("", *(f"-{k}" for k in range(2, 100)))]
+        return next(p for p in (self.folder / name for name in names) if not p.exists())
+
+    # The sink's thread -------------------------------------------------------------------------------------------
+    def _feed(self, at: int, n: int) -> NDArray[np.float64]:
+        sink = self._sink
+        if sink is not None and self._sets:
+            sets, self._sets = self._sets, {}
+            for name, value in sets.items():
+                sink.pump.set(name, value, max(1, round(RAMP * self.fs)))
+        return self.inputs.columns(at, n)
+
+    def _take(self, at: int, x: NDArray[np.float64], y: NDArray[np.float32]) -> None:
+        t, arrived = self.inputs.newest
+        now = time.perf_counter()
+        head = (at, t, 1e3 * (now - arrived) if t else 0.0, now, self.session, y.shape[1])
+        assert len(head) == HEAD
+        self._loop.call_soon_threadsafe(self._spread, samples(head, x, y))
+
+    # What pages are told -----------------------------------------------------------------------------------------
+    def _spread(self, data: bytes) -> None:
+        for page in self.pages:
+            page.put(data)
+
+    def _tell_state(self, phase: str | None = None, but: Page | None = None) -> None:
+        self.phase = phase or self.phase
+        state = {
+            "is": "state",
+            "phase": self.phase,
+            "session": self.session,
+            "log": None if self.log is None else str(self.log),
+            "sources": self.inputs.sources,
+            "params": self.params,
+            "why": self.why,
+        }
+        for page in self.pages:
+            if page is not but:
+                page.tell(state | {"role": "control" if page is self.control else "watch"})
+
+    async def _report(self) -> None:
+        while True:
+            await asyncio.sleep(REPORTS)
+            sink = self._sink
+            if sink is None:
+                continue
+            self._send_report(sink)
+            if sink.error is not None and self._asked is None and self.phase == "running":
+                self._ask("stop", str(sink.error))
+            for page in self.pages:
+                if time.monotonic() - page.seen > SILENT:
+                    page.close(4408, "no answer from this page")
+
+    def _send_report(self, sink: PageSink) -> None:
+        r = sink.report()
+        report = {
+            "is": "report",
+            "session": self.session,
+            "at": r.produced,
+            "seconds": r.produced / self.fs,
+            "lost": r.lost,
+            "underruns": r.underruns,
+            "late": max(0.0, sink.late),
+            "clips": r.clips,
+            "faults": r.faults,
+            "time": time.time(),
+            "busy": sink.busy,
+        }
+        for page in self.pages:
+            page.tell(report | {"skipped": page.skipped})
+
+
+def _why(e: Exception) -> str:
+    """What the page says of an error; a defect is logged too."""
+    if isinstance(e, StimlibError):
+        return str(e)
+    logger.exception("the session could not be started or ended")
+    return f"unexpected error: {type(e).__name__}: {e}"

@@ -1,0 +1,218 @@
+"""The parts of the live page that need no server: messages, inputs, description, the sink and what waits for a page."""
+
+import asyncio
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from stimlib import Input, Param, Scene, constant
+from stimlib.errors import BadValue, UnknownName
+from stimlib.files.replay import replay
+from stimlib.files.session import read_log
+from stimlib.live.describe import description, ranges_of
+from stimlib.live.inputs import Inputs
+from stimlib.live.protocol import FIELDS, message
+from stimlib.live.sink import PageSink
+from stimlib.live.stream import WAITING, Page, Stream
+from stimlib.scenes import soft_surface
+
+FS = 1000.0
+TOUCH = Scene({"y": Input("x", "m") * Input("contact")})
+SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
+
+
+@pytest.mark.parametrize(
+    "text, why",
+    [
+        ("[1]", "not a JSON object"),
+        ('{"do": "jump"}', "do must be one of hello, move"),
+        ('{"do": "set", "name": "k"}', "value is missing"),
+        ('{"do": "set", "name": "k", "value": true}', "value must be a finite number"),
+        ('{"do": "move", "finger": 10, "u": 0, "v": 0, "p": 0, "on": 1, "t": 0}', "finger must be a whole number from 0 to 9"),
+        ('{"do": "move", "finger": 0, "u": 1.01, "v": 0, "p": 0, "on": 1, "t": 0}', "u must be a number from 0 to 1"),
+        ('{"do": "move", "finger": 0, "u": 0, "v": 0, "p": 0, "on": 0.5, "t": 0}', "on must be a whole number from 0 to 1"),
+        ('{"do": "source", "input": "x", "from": "sine", "freq": 0}', "freq must be a number from 0.01 to 1000"),
+        ('{"do": "source", "input": "x", "from": "u", "speed": 1}', "source has no speed"),
+        ("[" * 1000, "nested too deeply|not a JSON|Expecting"),
+    ],
+)
+def test_a_message_that_the_table_has_not_is_refused(text, why):
+    with pytest.raises(BadValue, match=why):
+        message(text)
+
+
+def test_every_message_of_the_table_is_in_its_text():
+    from stimlib.live import protocol
+
+    assert all(f"\n{name} " in protocol.__doc__ or f"\n{name}\n" in protocol.__doc__ for name in FIELDS)
+
+
+@pytest.mark.parametrize("chosen, bandwidth", [({}, 40.0), ({"bandwidth": 10.0}, 10.0)])
+def test_a_pointer_is_followed_along_its_range(chosen, bandwidth):
+    inputs = Inputs(SPRING, FS, {"x": (0.01, 0.03)}, **chosen)
+    assert np.array_equal(inputs.columns(0, 2000)[0, -1:], [0.01])
+    inputs.move(0, 0.5, 0.9, 0.3, 0)  # hovers: this scene is not told of contact
+    t = np.arange(1, 201) / FS
+    w = 2 * np.pi * bandwidth
+    assert inputs.columns(2000, 200)[0] == pytest.approx(0.02 - 0.01 * (1 + w * t) * np.exp(-w * t), abs=1e-12)
+
+
+def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_where_it_lands():
+    inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
+    assert [inputs.sources[n]["from"] for n in ("x", "contact")] == ["u", "contact"]
+    inputs.columns(0, 500)
+    inputs.move(0, 0.8, 0.0, 0.0, 0)
+    assert not inputs.columns(500, 100).any()
+    inputs.move(0, 0.8, 0.0, 0.0, 1)
+    assert inputs.columns(600, 3).tolist() == [[pytest.approx(0.08)] * 3, [1.0] * 3]
+    inputs.lift()
+    assert inputs.columns(603, 2).tolist() == [[pytest.approx(0.08)] * 2, [0.0] * 2]
+
+
+def test_an_input_goes_over_to_a_sine_and_then_is_one():
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)})
+    inputs.move(0, 1.0, 0.0, 0.0, 1)
+    inputs.columns(0, 1000)
+    inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06, "freq": 2.0})
+    t, n = np.arange(1000, 1500) / FS, round(0.1 * FS)
+    wanted = 0.04 - 0.02 * np.cos(4 * np.pi * t)
+    x = np.concatenate([inputs.columns(at, 100)[0] for at in range(1000, 1500, 100)])
+    assert x[n - 1 :] == pytest.approx(wanted[n - 1 :], abs=1e-12)
+    w = np.arange(1, n) / n
+    assert x[: n - 1] == pytest.approx(0.1 + w * (wanted[: n - 1] - 0.1), abs=1e-7)  # the follower is 1e-8 short of 0.1
+    assert inputs.columns(0, 100)[0] == pytest.approx(0.04 - 0.02 * np.cos(4 * np.pi * np.arange(100) / FS))  # a new session
+
+
+def test_pressure_a_held_value_and_a_motion_of_the_callers():
+    inputs = Inputs(SPRING, FS, {"x": (1.0, 3.0)}, {"x": lambda t: 2.0 + t})
+    assert inputs.columns(0, 200)[0, -1] == pytest.approx(2.199)
+    inputs.choose("x", **{"from": "pressure", "finger": 3})
+    inputs.move(3, 0, 0, 0.25, 1)
+    assert inputs.columns(200, 500)[0, -1] == pytest.approx(1.5)
+    inputs.choose("x", **{"from": "value", "value": 2.5})
+    assert inputs.columns(700, 500)[0, -1] == pytest.approx(2.5)
+    with pytest.raises(UnknownName, match="motion of z"):
+        Inputs(SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
+    with pytest.raises(BadValue, match="a live scene has no end"):
+        Inputs(SPRING, FS, {"x": (0.0, 1.0)}, {"x": np.zeros(5)})
+
+
+def test_a_page_is_told_of_the_surface_and_its_avatars():
+    scene = soft_surface("multipoint")
+    view = description(scene, ranges_of(scene), dict.fromkeys(scene.outputs, 1.0), {})["view"]
+    assert (view["columns"], view["rows"], view["width"]) == (61, 61, 0.12) and len(view["levels"]) == 61 * 61
+    assert view["avatars"][2] == {"x": "x3", "y": "y3", "depth": "depth3"} and view["inputs"]["press"] == "press"
+    mouse = soft_surface("cursor", device="mouse")
+    view = description(mouse, ranges_of(mouse), dict.fromkeys(mouse.outputs, 1.0), {})["view"]
+    assert view["avatars"] == [{"x": "x1", "y": "y1", "depth": None}] and view["inputs"]["press"] is None
+    assert description(SPRING, ranges_of(SPRING), {"force": 1.0}, {})["view"] is None
+
+
+def test_a_slider_goes_around_its_value():
+    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0}
+    scene = Scene({name: Param(name, v) * constant(1.0) for name, v in values.items()})
+    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0)}
+
+
+def test_ranges_that_are_none_are_refused():
+    for given, why in (({"z": (0, 1)}, "has x, k"), ({"x": (1, 0)}, "must be finite and rise"), ({"k": (0, 1)}, "does not hold")):
+        with pytest.raises(BadValue if "z" not in given else UnknownName, match=why):
+            ranges_of(SPRING, given)
+
+
+class Clock:
+    """Time that passes only where somebody sleeps, or stalls."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+        time.sleep(1e-4)
+
+
+def played(feed, tmp_path, monkeypatch, seconds, stall=0.0):
+    """A session with its log: what was heard, and the sink."""
+    clock, heard = Clock(), []
+    monkeypatch.setattr("stimlib.live.sink.time", clock)
+
+    def take(at, x, y):
+        heard.append((at, y.copy()))
+        clock.now += stall if len(heard) == 5 else 0.0
+
+    sink = PageSink(SPRING, 50.0, feed=feed, take=take, log=tmp_path / "log")
+    sink.open(FS, block=20)
+    sink.start(seconds)
+    while not sink.finished:
+        time.sleep(0.001)
+    sink.close()
+    assert replay(read_log(tmp_path / "log")).matches
+    return heard, sink
+
+
+def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
+    def feed(at, n):
+        if at > 200:
+            raise BadValue("the hand has gone")
+        return np.full((1, n), 0.01)
+
+    heard, sink = played(feed, tmp_path, monkeypatch, seconds=60.0)
+    y = np.concatenate([y[0] for _, y in heard])
+    assert str(sink.error) == "the hand has gone" and y.max() == np.float32(0.4) and abs(y[-1]) < 0.005
+    assert np.abs(np.diff(y)).max() < 0.01
+
+
+@pytest.mark.parametrize("stall, lost", [(0.26, 0), (0.28, 260), (0.4, 380), (0.8, 500)])  # one block later there are 20 less
+def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(tmp_path, monkeypatch, stall, lost):
+    heard, sink = played(lambda at, n: np.full((1, n), 0.01), tmp_path, monkeypatch, 1.0, stall)
+    report = sink.report()
+    assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)
+    at = [a for a, _ in heard]
+    assert at[:6] == [0, 20, 40, 60, 80, 100 + lost]
+
+
+def test_nothing_heaps_up_for_a_page_that_reads_nothing():
+    async def long_session():
+        stream = Stream(SPRING, FS, 50.0, block=20, ranges={"x": (0, 0.01)})
+        stream._loop = asyncio.get_running_loop()
+        page = Page()
+        stream.join(page)
+        page.texts.clear()
+        sizes = []
+        for k in range(4):
+            for i in range(150):
+                at = 20 * (150 * k + i)
+                x = stream._feed(at, 20)
+                stream._take(at, x, np.zeros((1, 20), np.float32))
+                stream.do(page, message('{"do": "set", "name": "k", "value": 1000}'))
+                await asyncio.sleep(0)
+            sizes.append(tracemalloc.get_traced_memory()[0])
+        assert page.skipped == 600 - WAITING and len(page.blocks) == WAITING
+        for _ in range(WAITING + 1):
+            page.tell({"is": "error"})
+        assert page.end[0] == 4408 and page.ended.is_set()
+        return sizes
+
+    tracemalloc.start()
+    try:
+        sizes = asyncio.run(long_session())
+    finally:
+        tracemalloc.stop()
+    assert sizes[3] - sizes[1] < 20_000, sizes  # bytes in 6 s of samples
+
+
+def test_a_scene_that_is_shown_again_ends_its_earlier_page():
+    first = SPRING.live(FS, 50.0, title='a "spring"')
+    second = SPRING.live(FS, 50.0)
+    try:
+        assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in second._headers["Content-Security-Policy"]
+        assert first.url in first._repr_html_() and 'title="a &quot;spring&quot;"' in first._repr_html_()
+        assert not first._thread.is_alive() and second._thread.is_alive()
+    finally:
+        second.close()
+    assert not second._thread.is_alive()

@@ -1,0 +1,41 @@
+"""The audio thread of the page: its ring against a server whose clock is another, and against one that stops for a moment."""
+
+import json
+import math
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+RING = Path(__file__).with_name("ring.js")
+WORKLET = Path(__file__).parents[2] / "stimlib" / "live" / "page" / "worklet.js"
+pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser")
+RMS = 0.25 / math.sqrt(2) / math.hypot(1, 20 / 158)
+"""Of the sine of 158 Hz behind one pole at 20 Hz; its mean is taken out."""
+
+
+def heard(**options):
+    words = ["node", RING, WORKLET, json.dumps({"pace": 1.0, "steer": True, "seconds": 20, "jitter": 0.002} | options)]
+    return json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.mark.parametrize("pace", [0.998, 1.002])
+def test_the_step_follows_the_servers_clock(pace):
+    y = heard(pace=pace)
+    assert (y["under"], y["skips"], y["missing"], y["depth"]) == (0, 0, 0, 2)
+    assert y["ratio"] == pytest.approx(pace, abs=4e-4)
+    assert y["rms"] == pytest.approx(RMS, rel=0.003) and abs(y["mean"]) < 5e-4
+    assert y["step"] < 1.01 * 0.25 * 2 * math.pi * 158 / 48000  # the sine's own
+    assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.004)  # s: two blocks, and what the card takes at once
+
+
+def test_without_the_control_it_runs_dry():
+    assert heard(pace=0.998, steer=False)["under"] > 0
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_stall_is_faded_and_told(late):
+    y = heard(stall=5.0, late=late)
+    assert y["under"] == 1 and y["missing"] == (0 if late else 800)
+    assert y["step"] < 1.05 * 0.25 * 2 * math.pi * 158 / 48000  # no click

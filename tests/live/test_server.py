@@ -1,0 +1,272 @@
+"""The server of the live page, driven by a WebSocket client of its own: a session, a recording, strangers and floods."""
+
+import json
+import socket
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from stimlib import Input, Param, Scene, constant
+from stimlib.files.replay import delivered, replay
+from stimlib.files.session import read_log
+from stimlib.live.protocol import HEAD
+from stimlib.live.server import Server
+from stimlib.live.stream import Stream
+
+FS, BLOCK, K, FULL = 1000.0, 20, 2000.0, 50.0
+MOVE = '{"do": "move", "finger": 0, "u": 1, "v": 0, "p": 0, "on": 1, "t": 5}'
+
+
+class Client:
+    """A page without a browser: what it has been told, and the samples, (n_inputs + n_outputs, n) each."""
+
+    def __init__(self, ws):
+        self.ws, self.texts, self.heads, self.blocks = ws, [], [], []
+        self.answers = True
+
+    def say(self, what, **more):
+        self.ws.send(json.dumps({"do": what} | more))
+
+    def next(self):
+        m = self.ws.recv(timeout=5)
+        if isinstance(m, bytes):
+            self.heads.append(np.frombuffer(m, "<f8", HEAD))
+            self.blocks.append(np.frombuffer(m, "<f4", offset=8 * HEAD).reshape(-1, int(self.heads[-1][5])))
+            return {"is": "samples"}
+        self.texts.append(json.loads(m))
+        if self.texts[-1]["is"] == "report" and self.answers:
+            self.say("seen", at=self.texts[-1]["at"])
+        return self.texts[-1]
+
+    def until(self, **wanted):
+        """The first text from now on that has these fields."""
+        while True:
+            m = self.next()
+            if wanted.items() <= m.items():
+                return m
+
+    def hear(self, n):
+        wanted = len(self.blocks) + n
+        while len(self.blocks) < wanted:
+            self.next()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    scene = Scene({"force": Param("k", K, "N/m") * Input("x", "m")})
+    folder = tmp_path_factory.mktemp("logs")
+    stream = Stream(scene, FS, FULL, title="spring", ranges={"x": (0, 0.01)}, block=BLOCK, folder=folder)
+    stream.warm_up()
+    with Server(stream, token="T") as running:
+        yield running
+
+
+@contextmanager
+def page(server, host="127.0.0.1", **options):
+    at = f"{host}:{server.port}"
+    sock = socket.create_connection(("127.0.0.1", server.port))
+    with connect(f"ws://{at}/ws", sock=sock, **{"origin": f"http://{at}", "compression": None} | options) as ws:
+        yield Client(ws)
+
+
+@contextmanager
+def greeted(server):
+    end = time.monotonic() + 5
+    while server.stream.pages and time.monotonic() < end:  # of the test before
+        time.sleep(0.01)
+    with page(server) as client:
+        client.say("hello", token="T", version=1)
+        client.hello = client.until(**{"is": "hello"})
+        yield client
+
+
+def test_a_session_is_driven_heard_and_recorded(server):
+    with greeted(server) as client:
+        assert client.hello["inputs"] == [{"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}]
+        assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
+        assert client.hello["params"] == [{"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}]
+        assert client.until(**{"is": "state"})["role"] == "control"
+        client.say("record")
+        state = client.until(phase="running")
+        client.ws.send(MOVE)
+        client.hear(15)
+        client.say("set", name="k", value=1000.0)
+        client.hear(10)
+        client.say("stop")
+        client.until(phase="idle")
+    heads, x, y = np.array(client.heads), *np.concatenate(client.blocks, axis=1)
+    k = np.searchsorted(np.cumsum(heads[:, 5]), 0.2 * FS) + 3  # the hand is followed, and the fade-in over
+    assert heads[0, 0] == 0 and set(heads[:, 4]) == {state["session"]}
+    assert np.array_equal(np.diff(heads[:, 0]), heads[:-1, 5])  # no sample is missing
+    assert heads[k, 1] == 5 and 0 <= heads[k, 2]
+    at = int(heads[k, 0])
+    assert x[at] == pytest.approx(0.01, abs=1e-5) and y[at] == pytest.approx(K * x[at] / FULL, rel=1e-6)
+    assert y[-BLOCK * 8] == pytest.approx(1000.0 * 0.01 / FULL, rel=1e-3) and abs(y[-1]) < 0.005
+
+    log = read_log(state["log"])
+    assert replay(log).matches and log.header["device"] == "page"
+    assert [e.data["ramp"] for e in log.events if e.data.get("name") == "k"] == [0.02 * FS]
+    assert [e.data["reason"] for e in log.events if e.kind == "stop"] == ["close"]
+    assert np.array_equal(np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0], y)
+
+
+def test_a_page_that_disappears_lets_the_stimulus_fade(server):
+    with greeted(server) as client:
+        client.say("record")
+        folder = client.until(phase="running")["log"]
+        client.ws.send(MOVE)
+        client.hear(12)
+        client.ws.socket.close()  # no goodbye
+    end = time.monotonic() + 5
+    while server.stream.phase != "idle" and time.monotonic() < end:
+        time.sleep(0.01)
+    assert server.stream.why == "the page that had control has gone"
+    log = read_log(folder)
+    y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
+    assert log.report is not None and y.max() > 0.15 and abs(y[-1]) < 0.005
+    assert np.abs(np.diff(y))[-130:].max() < 0.01  # a fade, not a step
+
+
+def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
+    monkeypatch.setattr("stimlib.live.stream.SILENT", 0.3)
+    with greeted(server) as client:
+        client.answers = False
+        client.say("start")
+        with pytest.raises(ConnectionClosed) as closed:
+            while True:
+                client.next()
+    assert closed.value.rcvd.code == 4408 and client.blocks
+
+
+def test_one_page_controls_another_watches_and_may_take_over(server):
+    with greeted(server) as first, page(server) as second:
+        first.until(role="control")
+        second.say("hello", token="T", version=1)
+        assert second.until(**{"is": "state"})["role"] == "watch"
+        second.say("start")
+        assert second.until(**{"is": "error"})["about"] == "start"
+        with page(server) as third, pytest.raises(ConnectionClosed) as closed:
+            third.say("hello", token="T", version=1)
+            third.next()
+        assert closed.value.rcvd.code == 4409
+        second.say("control")
+        second.until(role="control")
+        first.until(role="watch")
+        second.say("start")
+        first.hear(2)
+        first.say("set", name="k", value=0.0)
+        assert "control" in first.until(about="set")["text"]
+        second.say("stop")
+        first.until(phase="idle")
+
+
+def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
+    """Of a scene without inputs, which nobody has to drive."""
+    stream = Stream(Scene({"y": Param("level", 0.5) * constant(1.0)}), FS, 1.0, block=BLOCK, folder=tmp_path)
+    with Server(stream, token="T") as server, greeted(server) as client:
+        client.say("record")
+        folder = client.until(phase="running")["log"]
+        client.hear(12)
+        server.close()
+    log = read_log(folder)
+    y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
+    assert log.report is not None and replay(log).matches
+    assert y.max() == 0.5 and y[-1] == 0 and np.abs(np.diff(y)).max() < 0.005
+
+
+REFUSED = [
+    ({"do": "set", "name": "__class__", "value": 1}, "no parameter '__class__'; this scene has k"),
+    ({"do": "set", "name": "k", "value": -1}, "k = -1 is outside its range, 0 to 5000"),
+    ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
+    ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
+    ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 0}, "low = 1 must be below high = 0"),
+]
+
+
+def test_what_makes_no_sense_is_refused_with_a_reason(server):
+    with greeted(server) as client:
+        for message, why in REFUSED:
+            client.ws.send(json.dumps(message))
+            assert why in client.until(about=message["do"])["text"]
+
+
+def own(server):
+    return f"http://127.0.0.1:{server.port}"
+
+
+HELLO = '{"do": "hello", "token": "T", "version": 1}'
+FAULTS = {  # headers and messages, and how the connection ends
+    "a foreign origin": ({"origin": "http://evil.example"}, [], 403),
+    "no origin": ({"origin": None}, [], 403),
+    "the origin null": ({"origin": "null"}, [], 403),
+    "another port of this machine": ({"origin": "http://127.0.0.1:1"}, [], 403),
+    "a name that was bound anew": ({"host": "evil.example"}, [], 403),
+    "no token": ({}, ["{}"], 4401),
+    "a wrong token": ({}, [HELLO.replace("T", "t")], 4401),
+    "half of a pair": ({}, [HELLO.replace("T", r"\ud800")], 4401),
+    "bytes that are no text": ({}, [b"\xff\xfe"], 4401),
+    "a page of another release": ({}, [HELLO.replace("1}", "2}")], 4400),
+    "1025 bytes": ({}, [HELLO, " " * 1025], 1009),
+    "deep JSON": ({}, [HELLO, *["[" * 900] * 25], 4400),
+    "numbers that are none": ({}, [HELLO, *[MOVE.replace("5", "NaN")] * 25], 4400),
+    "a place outside the pad": ({}, [HELLO, *[MOVE.replace('"u": 1', '"u": 7')] * 25], 4400),
+    "an unknown message": ({}, [HELLO, *['{"do": "eval", "text": "1"}'] * 25], 4400),
+    "a surplus field": ({}, [HELLO, *['{"do": "start", "log": "/etc"}'] * 25], 4400),
+    "a flood": ({}, [HELLO, *[MOVE] * 3000], 4429),
+}
+
+
+def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server):
+    with greeted(server) as client:
+        client.say("start")
+        client.until(phase="running")
+        for name, (headers, messages, code) in FAULTS.items():
+            assert knock(server, headers, messages) == code, name
+        client.hear(10)
+        client.say("stop")
+        client.until(phase="idle")
+    report = [m for m in client.texts if m["is"] == "report"][-1]
+    heard = sum(head[5] for head in client.heads)
+    assert heard > 200 and client.heads[-1][:6:5].sum() == heard + report["lost"] + report["skipped"] * BLOCK
+
+
+def knock(server, headers, messages):
+    """How the server ends a connection that behaves so: status of HTTP or code of closing."""
+    try:
+        with page(server, **headers) as client:
+            for message in messages:
+                client.ws.send(message)
+            while True:
+                client.ws.recv(timeout=5)
+    except InvalidStatus as e:
+        return e.response.status_code
+    except ConnectionClosed as e:
+        return e.rcvd and e.rcvd.code
+
+
+def test_only_the_page_is_served_and_only_to_this_machine(server):
+    def get(path, host=None):
+        try:
+            with urllib.request.urlopen(urllib.request.Request(own(server) + path, headers={"Host": host} if host else {})) as r:
+                return r.status, r.headers
+        except urllib.error.HTTPError as e:
+            return e.code, e.headers
+
+    for path, host, status in (
+        ("/", None, 200),
+        ("/link.js", None, 200),
+        ("/", "evil.example", 421),
+        ("/server.py", None, 404),
+        ("/%2e%2e/server.py", None, 404),
+    ):
+        found, headers = get(path, host)
+        assert found == status
+        assert headers["Content-Security-Policy"].startswith("default-src 'none'; script-src 'self';")
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert server.url.endswith("/#T") and server.host == "127.0.0.1"
