@@ -16,7 +16,7 @@ if not os.environ.get("STIMLIB_STRESS"):  # most of the time goes into XLA's and
         "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
         "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1",
     )
-EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 25
+EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 40
 settings.register_profile(
     "stimlib", max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
 )
