@@ -13,7 +13,8 @@ import pytest
 
 from stimlib.core import maths
 from stimlib.core.steps import source
-from stimlib.targets.numba import kernels, lanes, native
+from stimlib.targets.numba import cache as caches
+from stimlib.targets.numba import engine, kernels, lanes, native
 from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent
@@ -67,23 +68,31 @@ def small(tmp_path):
     return path
 
 
+def give_runtime(folder):
+    """A new cache folder with the runtime, which takes longest to compile, and nothing else."""
+    entry = Path(engine.runtime().__file__).parent
+    folder.mkdir(mode=0o700)
+    shutil.copytree(entry, folder / entry.name)
+    return folder
+
+
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory):
     """What the small scene gives, and a cache folder that has it."""
     here = tmp_path_factory.mktemp("wanted")
     (here / "small.py").write_text(SMALL)
-    return run(here / "small.py", here / "cache")[0], here / "cache"
+    return run(here / "small.py", give_runtime(here / "cache"))[0], here / "cache"
 
 
 @pytest.fixture(scope="module")
 def cache(wanted, tmp_path_factory):
-    """A folder that has the runtime, which takes longest to compile."""
     return shutil.copytree(wanted[1], tmp_path_factory.mktemp("warm") / "cache")
 
 
 # Folders -------------------------------------------------------------------------------------------------------------
-def test_processes_that_start_at_once_share_one_empty_folder(small, wanted, tmp_path):
-    processes = [start(small, tmp_path / "new") for _ in range(3)]
+def test_processes_that_start_at_once_share_one_folder(small, wanted, tmp_path):
+    give_runtime(tmp_path / "new")
+    processes = [start(small, tmp_path / "new") for _ in range(2)]
     assert {finish(p)[0] for p in processes} == {wanted[0]}
     assert not list((tmp_path / "new").rglob("*.tmp"))
 
@@ -119,43 +128,67 @@ def test_a_second_process_compiles_nothing(small, wanted):
     assert {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()} == before
 
 
-def test_a_folder_that_cannot_be_made_is_a_warning(small, wanted, tmp_path):
+TWICE = """
+from numba import njit, types
+@njit(types.float64(types.float64), cache=True)
+def twice(x):
+    return 2.0 * x
+"""
+
+
+@pytest.fixture
+def twice(tmp_path, monkeypatch):
+    """A text compiled into a folder by this process, which chooses its folder anew; ``fill`` is called in between."""
+
+    def load(folder, fill=lambda: None):
+        monkeypatch.setattr(caches, "_folder", None)
+        monkeypatch.setenv("STIMLIB_CACHE", str(folder))
+        caches.folder()
+        fill()
+        return caches.load(f"# {tmp_path}{TWICE}", "twice").twice(21.0)
+
+    return load
+
+
+def test_a_folder_that_cannot_be_made_is_a_warning(twice, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    out, err = run(small, tmp_path / "file" / "cache")
-    assert out == wanted[0]
-    assert "RuntimeWarning" in err and "STIMLIB_CACHE" in err and "cannot be written" in err
+    with pytest.warns(RuntimeWarning, match="cannot be written.*STIMLIB_CACHE"):
+        assert twice(tmp_path / "file" / "cache") == 42.0
 
 
-def mount(kind, *args):
-    done = subprocess.run(["mount", *args], capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"{kind} needs the right to mount: {done.stderr.strip()}")
+@pytest.fixture
+def mounted(tmp_path):
+    """A file system of its own, of so many bytes."""
+    folder = tmp_path / "mounted"
 
+    def mount(options):
+        folder.mkdir()
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"{options},mode=700", "none", folder], capture_output=True, text=True
+        )
+        if done.returncode:
+            folder.rmdir()
+            pytest.skip(f"needs the right to mount: {done.stderr.strip()}")
+        return folder
 
-def test_a_read_only_folder_is_a_warning(small, wanted, tmp_path):
-    folder = tmp_path / "readonly"
-    folder.mkdir()
-    mount("a read-only folder", "-t", "tmpfs", "-o", "ro,size=64k,mode=700", "none", str(folder))
-    try:
-        out, err = run(small, folder)
-    finally:
+    yield mount
+    if folder.exists():
         subprocess.run(["umount", str(folder)], check=True)
-    assert out == wanted[0]
-    assert "RuntimeWarning" in err and "Read-only" in err
 
 
-@pytest.mark.parametrize("size", ["8k", "256k"])
-def test_a_full_folder_is_a_warning(small, wanted, tmp_path, size):
-    """Full from the start, and full in the middle of a segment."""
-    folder = tmp_path / "full"
-    folder.mkdir()
-    mount("a full disk", "-t", "tmpfs", "-o", f"size={size},mode=700", "none", str(folder))
-    try:
-        out, err = run(small, folder)
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
-    assert out == wanted[0]
-    assert "RuntimeWarning" in err and "No space" in err
+def test_a_read_only_folder_is_a_warning(twice, mounted):
+    folder = mounted("ro,size=64k")
+    with pytest.warns(RuntimeWarning, match="Read-only"):
+        assert twice(folder) == 42.0
+
+
+@pytest.mark.parametrize("left", [0, 8192], ids=["from the start", "in the middle of a segment"])
+def test_a_full_folder_is_a_warning(twice, mounted, left):
+    folder = mounted("size=128k" if left else "size=8k")
+    fill = (lambda: (folder / "others").write_bytes(b"0" * (131072 - left))) if left else (lambda: None)
+    with pytest.warns(RuntimeWarning, match="No space"):
+        assert twice(folder, fill) == 42.0
+    assert not list(folder.glob("twice_*"))
 
 
 # Blocks of users -----------------------------------------------------------------------------------------------------
@@ -270,32 +303,24 @@ except stimlib.SceneError as e:
     assert "Gain.step" in out and "source text is not available" in out and "file or a notebook cell" in out
 
 
-TAKEN = {
-    "tuples": ("GainParams", "P", "GainState", "S"),
-    "tuples_of_the_wrapper": ("GainParams", "namedtuple", "GainState", "carray"),
-    "tuples_called_like_arrays": ("GainParams", "W", "GainState", "A"),
-    "helper_at": ("helper", "at"),
-    "helper_block": ("helper", "block"),
-    "helper_segment": ("helper", "segment"),
-    "helper_native": ("helper", "native"),
-    "helper_njit": ("helper", "njit"),
-    "helper_y": ("helper", "y"),
-    "constant_n": ("FACTOR", "n"),
-    "constant_C": ("FACTOR", "C"),
-    "constant_as_u8": ("FACTOR", "as_u8"),
-    "constant_SEGMENT": ("FACTOR", "SEGMENT"),
-    "constant_x0": ("FACTOR", "x0"),
-}
+TAKEN = [  # for the two tuples, the helper and the constant: names that the generated text uses as well
+    ("P", "S", "at", "n"),
+    ("namedtuple", "carray", "block", "C"),
+    ("W", "A", "segment", "as_u8"),
+    ("GainParams", "GainState", "native", "SEGMENT"),
+    ("GainParams", "GainState", "njit", "x0"),
+    ("GainParams", "GainState", "y", "FACTOR"),
+]
 
 
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory, cache):
     """What a user's block gives under each set of names: its samples, or the error."""
     here = tmp_path_factory.mktemp("taken")
-    for case, names in TAKEN.items():
+    for case, names in enumerate(TAKEN):
         body = MODULE.format(**DEFAULT | {"step": "p.gain * FACTOR * helper(x) + 0.0 * s.last"})
-        for old, new in zip(names[::2], names[1::2], strict=True):
-            body = body.replace(old, new)
+        for old, new in zip(("GainParams", "GainState", "helper", "FACTOR"), names, strict=True):
+            body = re.sub(rf"\b{old}\b", new, body)
         (here / f"mine_{case}.py").write_text(body)
     (here / "user.py").write_text("""
 import importlib, json, sys
@@ -311,13 +336,12 @@ for case in sys.argv[1:]:
         found[case] = f"{type(e).__name__}: {e}"
 print(json.dumps(found))
 """)
-    return json.loads(run(here / "user.py", cache, *TAKEN, paths=[here])[0])
+    return json.loads(run(here / "user.py", cache, *map(str, range(len(TAKEN))), paths=[here])[0])
 
 
-@pytest.mark.parametrize("case", TAKEN)
+@pytest.mark.parametrize("case", range(len(TAKEN)), ids=[" ".join(names) for names in TAKEN])
 def test_users_choose_their_names_freely(taken, case):
-    """Names that the generated text uses as well."""
-    assert taken[case] == [[12.0, 18.0]] * 2
+    assert taken[str(case)] == [[12.0, 18.0]] * 2
 
 
 def test_one_name_with_two_meanings_keeps_both(tmp_path, cache):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -249,6 +250,12 @@ def reweigh(p, alpha, r, taps):
     return left * chebyshev(p.poly, 0, n, t) * (p.a[0] * power(alpha, p.high[0], p.rest[0]))
 
 
+@cache  # every scene with a live order needs it, mostly with the same numbers
+def live_orders(tol: float, samples: float, scheme: str) -> tuple[soe.Rates, soe.LiveOrders]:
+    rates = soe.rates(tol, samples)
+    return rates, soe.live(rates, scheme)
+
+
 @dataclass(frozen=True, eq=False)
 class SpringpotLive(Block):
     """``Springpot`` with the order as a signal: modes do not depend on it, weights are made anew where it changes."""
@@ -275,8 +282,7 @@ class SpringpotLive(Block):
         return Springpot(self.y, as_block(contact), alpha, self.scheme, self.tol, self.horizon, self.onset)
 
     def design(self, fs):
-        rates = soe.rates(self.tol, self.horizon * fs)
-        live = soe.live(rates, self.scheme)
+        rates, live = live_orders(self.tol, self.horizon * fs, self.scheme)
         e, (high, rest) = leaks(rates), soe.two_words(fs)
         n = e.size + 1
         a, longs, shorts = (padded(v, n=n) for v in (live.a, live.high, live.low))
@@ -339,6 +345,13 @@ class PathLength(Block):
         return length, PathState(length, y, 0.0)
 
 
+@cache  # 123 bounds take longer than all else of a springpot
+def bounds_of_orders(tol: float, samples: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orders, and ``soe.bound`` of each."""
+    knots = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 24), np.linspace(0.02, 1.0, 99)])
+    return knots, np.array([soe.bound(soe.rates(tol, samples), float(a)) for a in knots])
+
+
 @dataclass(frozen=True, eq=False)
 class Accuracy(Table):
     """e(alpha) of ``soe.bound``: the error of a springpot over what the same movement without any way back would make."""
@@ -355,11 +368,9 @@ class Accuracy(Table):
         return un.ONE
 
     def design(self, fs):
-        rates = soe.rates(self.tol, self.horizon * fs)
-        knots = np.concatenate([np.geomspace(1e-7, 1e-2, 24), np.linspace(0.02, 1.0, 99)])
-        knots = np.concatenate([[0.0], knots])
+        knots, bounds = bounds_of_orders(self.tol, self.horizon * fs)
         margin = 1.02 + 2 * self.tol  # straight lines between knots; the sum of moduli is made with the same modes
-        values = margin * np.array([soe.bound(rates, float(a)) for a in knots])
+        values = margin * bounds
         c = np.zeros((4, knots.size - 1))
         c[2], c[3] = np.diff(values) / np.diff(knots), values[:-1]
         return TableParams(knots, c.T.ravel().copy(), 0.0, 1.0), ()

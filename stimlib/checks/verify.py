@@ -29,6 +29,7 @@ from .sidecar import clipped, says, storage
 
 SMALL = 2.0**-40  # an impulse that no tracker takes for a jump
 ROUNDING = 1e-10  # of two computations of one transfer function
+STRETCH = 512  # samples that the interpreter makes again
 
 
 @overload
@@ -198,7 +199,7 @@ def same_samples(e: Evidence) -> list[Check]:
     cut = np.hstack([before, samples(e.proc, e.x, n, e.changes, start, block)])
     wrong = int(np.sum(cut.view(np.uint64) != e.y.view(np.uint64)))
     checks = [Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ")]
-    stretch = min(n - start, 512)
+    stretch = min(n - start, STRETCH)
     reference = compile(e.scene, e.fs, target="python", seed=e.seed)
     reference.state = state
     y = samples(reference, e.x, start + stretch, e.changes, start)

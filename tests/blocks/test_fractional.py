@@ -156,7 +156,7 @@ def test_a_minute_within_every_tol(tol):
 HOURS = (
     [(fs, a, k) for fs in (1000.0, 8000.0) for a in ALPHAS for k in KINDS]
     if LONG
-    else [(1000.0, 0.05, "ramp"), (1000.0, 0.5, "sinusoid")]
+    else [(1000.0, 0.05, "ramp"), pytest.param(1000.0, 0.5, "sinusoid", marks=pytest.mark.stress)]
 )
 
 
