@@ -11,6 +11,7 @@ from hands import RECORDINGS, hand
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
+from stimlib.checks import verify
 from stimlib.checks.evidence import Check
 from stimlib.files import audio as file
 from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold
@@ -189,6 +190,21 @@ def test_the_fault_that_a_rendering_tells_is_held():
             (check,) = [c for c in report.checks if c.name == "no fault"]
             assert check.text.startswith(said) == (t != fault) and "\x1b" not in check.text
             assert check.passed == report.passed == (fault is t is None)
+
+
+def test_an_interpreter_that_says_otherwise_in_one_bit_is_seen(monkeypatch):
+    def other(proc, *words):
+        y = samples(proc, *words)
+        if proc.target == "python":
+            y[0, -1] = np.nextafter(y[0, -1], 9.0)
+        return y
+
+    samples = verify.samples
+    scene, motion = stimlib.scenes.bumps(), {"x": minimum_jerk()}
+    rendering = stimlib.render(scene, motion, 8000, 0.1)
+    monkeypatch.setattr(verify, "samples", other)
+    failed = [c for c in stimlib.verify(scene, motion, rendering).checks if not c.passed]
+    assert [(c.measured, c.name.split(",")[0]) for c in failed] == [(1, "interpreter")]
 
 
 def test_nan_is_not_within_any_limit():
