@@ -22,7 +22,7 @@ PROBLEMS = {
 }
 """What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
 SURE_OF_LAPSES = 0.01
-TOO_STEEP = 30.0  # sigmas between two levels
+BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES = 2000
 Interval = tuple[float, float]
 
@@ -360,7 +360,7 @@ def _problems(sets: Sets, middle: float, model: Model, found: Found) -> tuple[st
 
     if found.b <= 0:
         return ("falling",)
-    if found.b * np.diff(sets.x).min() > TOO_STEEP:  # but for lapses, they are separated
+    if np.sum(np.abs(found.a + found.b * (sets.x - middle)) < BEYOND) < 2:  # but for lapses, they are separated
         return ("separated",)
     if 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < chi2.ppf(0.95, 1):
         return ("flat",)

@@ -19,9 +19,11 @@ from ..errors import BadValue
 Array = np.ndarray
 LINKS = ("probit", "logit")
 LAPSES = 0.1  # the largest rate that is looked for
-STEPS = 60  # of Fisher scoring, or halvings of a step
-ZOOMS, GRID = 4, 11  # rounds and points of the search for a rate of lapses
-DOUBLINGS, SECANTS, NEAR = 14, 60, 1e-10  # of the search for an end of an interval: steps, and how near 0 it ends
+STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
+STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
+"""Where scoring starts: middle and slope, in spreads of the levels; where there may be several peaks."""
+ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses
+DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-9  # of the search for an end of an interval: steps, and how near 0 it ends
 FLOOR = 1e-15  # of a probability
 
 
@@ -119,36 +121,49 @@ def maximum(sets: Sets, c: ArrayLike, model: Model = PROBIT, *, a: ArrayLike | N
     >>> abs(round(float(found.a), 6)), round(float(found.b), 6)
     (0.0, 0.841621)
     """
-    if model.lapse is not None:
-        return _scoring(sets, c, model, model.lapse, a, b)
-    low: Array = np.zeros(_shape(sets, c, 0.0, a, b))
-    high = low + LAPSES
-    for _ in range(ZOOMS):
-        rates = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, GRID)
-        each = Sets(*(v[..., None, :] for v in sets))
-        ab = (v if v is None else np.asarray(v)[..., None] for v in (a, b))
-        found = _scoring(each, np.asarray(c)[..., None], model, rates, *ab)
+    free = a is None, b is None
+    c, a, b = (np.asarray(0.0 if v is None else v) for v in (c, a, b))
+    shape = np.broadcast_shapes(*(v.shape[:-1] for v in sets), c.shape, a.shape, b.shape)
+    z = np.broadcast_to(sets.x - c[..., None], shape + sets.x.shape[-1:])
+    yes, n = (np.broadcast_to(v, z.shape) for v in sets[1:])
+    size = np.sqrt(np.sum(n * z * z, axis=-1) / np.sum(n, axis=-1))
+    size = np.where(size > 0, size, 1.0)
+    sets, b = Sets(z / size[..., None], yes, n), b * size
+    if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
+        found = _climb(sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS)
+    else:
+        found = _climb(sets, model, _search(sets, model, a, b, free), free, STEPS)
+    return found._replace(b=found.b / size)
+
+
+def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool]) -> Found:
+    """The best of many starts and rates of lapses, each after a few steps; x is in spreads of the levels."""
+    shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
+    grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
+    middles, slopes = (np.tile(v, grid.size) for v in np.array(STARTS).T)
+    low = np.full(shape, 0.0 if model.lapse is None else model.lapse)
+    high = low + (LAPSES if model.lapse is None else 0.0)
+    for _ in range(ZOOMS if model.lapse is None else 1):
+        rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(STARTS), axis=-1)
+        steep = slopes if free[1] else b[..., None]
+        start = -middles * steep if free[0] else a[..., None]
+        found = _climb(each, model, Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))), free, FEW)
         best = np.argmax(found.loglik, axis=-1)[..., None]
+        found = Found(*(np.take_along_axis(v, best, -1)[..., 0] for v in found))
         step = (high - low) / (GRID - 1)
-        found = Found(*(np.take_along_axis(np.broadcast_to(v, rates.shape), best, -1)[..., 0] for v in found))
         low, high = np.maximum(found.lapse - step, 0.0), np.minimum(found.lapse + step, LAPSES)
     return found
 
 
-def _scoring(sets: Sets, c: Any, model: Model, lapse: Any, a: Any, b: Any) -> Found:
-    """One row for each set and rate; a row is left alone when its steps have become small."""
-    shape = _shape(sets, c, lapse, a, b)
-    c, lapse, *held = (np.broadcast_to(0.0 if v is None else v, shape).reshape(-1, 1) for v in (c, lapse, a, b))
-    x, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(len(c), -1) for v in sets)
-    z = x - c
-    size = np.sqrt(np.sum(n * z * z, axis=1, keepdims=True) / np.sum(n, axis=1, keepdims=True))
-    size = np.where(size > 0, size, 1.0)
-    z = z / size
-    at = np.hstack([held[0], held[1] * size])
-    free = a is None, b is None
+def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, bool], steps: int) -> Found:
+    """One row for each start; it is left alone when its steps have become small."""
+    shape = start.a.shape
+    z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
+    lapse = start.lapse.reshape(-1, 1)
+    at = np.stack([start.a.ravel(), start.b.ravel()], axis=1)
     loglik, step = _score(at, z, yes, n, model, lapse, free)
-    active = np.arange(len(c))
-    for _ in range(STEPS):
+    active = np.arange(len(at))
+    for _ in range(steps):
         trial = at[active] + step[active]
         new, newer = _score(trial, z[active], yes[active], n[active], model, lapse[active], free)
         better = new >= loglik[active] - 1e-12 * np.abs(loglik[active])
@@ -157,11 +172,7 @@ def _scoring(sets: Sets, c: Any, model: Model, lapse: Any, a: Any, b: Any) -> Fo
         active = active[(np.abs(step[active]) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)]
         if not active.size:
             break
-    return Found(*(v.reshape(shape) for v in (at[:, 0], at[:, 1] / size[:, 0], lapse, loglik)))
-
-
-def _shape(sets: Sets, *others: Any) -> tuple[int, ...]:
-    return np.broadcast_shapes(*(v.shape[:-1] for v in sets), *(() if v is None else np.shape(v) for v in others))
+    return Found(*(v.reshape(shape) for v in (at[:, 0], at[:, 1], lapse[:, 0], loglik)))
 
 
 def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, lapse: Array, free: tuple[bool, bool]) -> tuple[Array, Array]:
