@@ -446,14 +446,14 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
     import warnings
 
     what, extra = "mixed", "'stimlib[experiments]'"
-    api = package("statsmodels.formula.api", what, extra)
+    models = package("statsmodels.regression.mixed_linear_model", what, extra)
     table = package("pandas", what, extra).DataFrame(columns)
     if participant not in table:
         raise UnknownName(f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            fit = api.mixedlm(formula, table, groups=table[participant]).fit()
+            fit = models.MixedLM.from_formula(formula, table, groups=table[participant]).fit()
         except Exception as e:
             if "is not defined" in str(e):
                 raise UnknownName(f"mixed: {formula}: {e}; the columns are {', '.join(map(str, table))}") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import BadValue
+from .likelihood import curve
 
 CORRECTIONS = {
     "error": "one answer of the other kind is added where all were the same: 0 becomes 1/(n + 1), and 1 becomes n/(n + 1)",
@@ -76,15 +77,14 @@ def detection(hits: int, signals: int, false_alarms: int, noises: int, correctio
     >>> round(detection(50, 50, 0, 50, correction="half").d, 6)
     4.652696
     """
-    from scipy.stats import norm
-
+    _, density, inverse = curve("probit")
     if correction not in CORRECTIONS:
         raise BadValue(f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}")
     _counts("detection", hits, signals)
     _counts("detection", false_alarms, noises)
     (H, n), (F, m) = _rate(hits, signals, correction), _rate(false_alarms, noises, correction)
-    z_H, z_F = float(norm.ppf(H)), float(norm.ppf(F))
-    variance = sum(p * (1 - p) / (k * norm.pdf(z) ** 2) if 0 < p < 1 else float("inf") for p, k, z in ((H, n, z_H), (F, m, z_F)))
+    z_H, z_F = float(inverse(H)), float(inverse(F))
+    variance = sum(p * (1 - p) / (k * density(z) ** 2) if 0 < p < 1 else float("inf") for p, k, z in ((H, n, z_H), (F, m, z_F)))
     changed = (H, F) != (hits / signals, false_alarms / noises)
     return Detection(z_H - z_F, -(z_H + z_F) / 2, H, F, changed, float(variance**0.5))
 
