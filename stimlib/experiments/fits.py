@@ -177,7 +177,7 @@ def psychometric(
     model = _model(link, guess, lapse, interval, confidence)
     sets = _sets(levels, yes, trials, log)
     middle = float(np.average(sets.x, weights=sets.n))
-    problems = _undetermined(sets)
+    problems = undetermined(sets)
     found = maximum(sets, middle, model)
     if not problems:
         problems = _problems(sets, middle, model, found)
@@ -344,7 +344,7 @@ def _gap(sets: Sets, log: bool) -> Interval:
     return (10**low, 10**high) if log else (low, high)
 
 
-def _undetermined(sets: Sets) -> tuple[str, ...]:
+def undetermined(sets: Sets) -> tuple[str, ...]:
     """Answers that no finite slope above 0 fits best, as their order alone shows."""
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size or sets.x.size < 2:
