@@ -149,6 +149,15 @@ def _axes(figure: Any, n: int) -> Any:
     return axes[:n]
 
 
+def _logarithmic(axis: Any, scale: Any) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def _curves(figure: Any, answers: Mapping[tuple, Columns], fits: Mapping[tuple, Fit], label: str) -> None:
     """Proportions (area: how many trials) and the fit of each, with the interval of its PSE."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
@@ -160,7 +169,7 @@ def _curves(figure: Any, answers: Mapping[tuple, Columns], fits: Mapping[tuple, 
             ax.plot(x, fit(x), color="C1")
             ax.plot(np.clip(fit.pse_interval, at[0], at[-1]), [fit(fit.pse)] * 2, color="C1", lw=3)
         if fit.log:
-            ax.set_xscale("log")
+            _logarithmic(ax.xaxis, ax.set_xscale)
         ax.set_title(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else ""))
         ax.set(ylim=(-0.05, 1.05))
         ax.grid(alpha=0.3)
@@ -173,7 +182,7 @@ def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
     for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
         for name, one in grouped(rows, ("track",)).items():
             ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7, label=str(name[0]))
-        ax.set_yscale("log")
+        _logarithmic(ax.yaxis, ax.set_yscale)
         ax.set_title(" ".join(map(str, key)))
         ax.grid(alpha=0.3)
     figure.supxlabel("trial")
