@@ -23,7 +23,7 @@ STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
 STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
 """Where scoring starts: middle and slope, in spreads of the levels; where there may be several peaks."""
 ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses
-DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-9  # of the search for an end of an interval: steps, and how near 0 it ends
+DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7  # of the search for an end of an interval: steps, and how near 0 it ends
 FLOOR = 1e-15  # of a probability
 
 
