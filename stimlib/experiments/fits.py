@@ -246,10 +246,10 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
         return np.sqrt(2 * np.maximum(best.loglik - held.loglik, 0.0)) - z  # nearly straight
 
     def at_pse(m: Array) -> Array:
-        return fallen(maximum(sets, m, model, a=0.0))
+        return fallen(maximum(sets, m, model, a=0.0, start=best))
 
     def at_slope(logs: Array) -> Array:
-        return fallen(maximum(sets, middle, model, b=np.exp(np.clip(logs, -60, 60))))
+        return fallen(maximum(sets, middle, model, b=np.exp(np.clip(logs, -60, 60)), start=best))
 
     pses = ends(at_pse, np.broadcast_to(middle - best.a / best.b, (2, *best.b.shape)), both * width)
     slopes = ends(at_slope, np.broadcast_to(np.log(np.abs(best.b)), pses.shape), -0.2 * both)
