@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
 from .evidence import Evidence, Tap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the square of its rows
 
@@ -24,18 +27,19 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
     )
     above, below = heights(s)
     some = f", the first {OUTPUTS} of {len(e.scene.outputs)} outputs" if len(e.scene.outputs) > OUTPUTS else ""
-    yield f"Signals over time{some}", _svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
+    yield f"Signals over time{some}", svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
-        _svg(lambda fig: close_by(fig, s, spectra_of(e)), (12, below)),
+        svg(lambda fig: close_by(fig, s, spectra_of(e)), (12, below)),
     )
     if e.fingers:
-        yield "Vibration, rate and gate (the UGrip paper, figure 4)", _svg(lambda fig: _fingers(fig, e), (12, 5))
+        yield "Vibration, rate and gate (the UGrip paper, figure 4)", svg(lambda fig: _fingers(fig, e), (12, 5))
     if e.curves:
-        yield "What the law is made of", _svg(lambda fig: _curves(fig, s, e), (12, 6))
+        yield "What the law is made of", svg(lambda fig: _curves(fig, s, e), (12, 6))
 
 
-def _svg(draw, size) -> str:
+def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
+    """A figure of so many inches as SVG, the same text on every run; ``draw`` gets the empty figure."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

@@ -1,0 +1,491 @@
+"""Are groups different?  Tests between groups and within participants, each named by what it assumes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.packages import package
+from ..errors import BadValue, UnknownName
+
+Array = np.ndarray
+ADJUSTMENTS = ("bonferroni", "none")
+SIDES = ("two-sided", "one-sided")
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A test and what came out.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+    df : tuple of float
+        Degrees of freedom, where there are any.
+    p : float
+    """
+
+    name: str
+    value: float
+    df: tuple[float, ...]
+    p: float
+
+
+# Between groups --------------------------------------------------------------------------------------------------------
+def shapiro(values: ArrayLike) -> Statistic:
+    """Shapiro and Wilk's test: p is small where the values are NOT normal.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Of at least three.
+
+    Returns
+    -------
+    Statistic
+        W and its p.
+
+    Raises
+    ------
+    BadValue
+        Fewer values, not finite ones, or all the same.
+
+    References
+    ----------
+    Shapiro and Wilk (1965), Biometrika 52:591.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import shapiro
+    >>> round(shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]).value, 4)  # their example
+    0.7888
+    """
+    from scipy.stats import shapiro as test
+
+    row = _row("shapiro", values, 3)
+    if np.ptp(row) == 0:
+        raise BadValue(f"shapiro: all {row.size} values are {row[0]:g}: there is no spread to judge")
+    found = test(row)
+    return Statistic("Shapiro-Wilk", float(found.statistic), (), float(found.pvalue))
+
+
+def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
+    """Kruskal and Wallis' test: does any group tend to larger values?
+
+    Parameters
+    ----------
+    groups : dict of str to array_like, shape (n,)
+        Independent of each other; for answers of the same people in several conditions take `repeated` or `mixed`.
+
+    Returns
+    -------
+    Statistic
+        H, corrected for ties.
+
+    Raises
+    ------
+    BadValue
+        Fewer than two groups, an empty one, values that are not finite or all the same.
+
+    References
+    ----------
+    Kruskal and Wallis (1952), Journal of the American Statistical Association 47:583.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import kruskal
+    >>> test = kruskal({"a": [1, 3, 5, 7, 9], "b": [2, 4, 6, 8, 10]})
+    >>> round(test.value, 6), round(test.p, 6)
+    (0.272727, 0.601508)
+    """
+    from scipy.stats import kruskal as test
+
+    found = test(*_groups("kruskal", groups).values())
+    return Statistic("Kruskal-Wallis", float(found.statistic), (len(groups) - 1.0,), float(found.pvalue))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two groups compared.
+
+    Attributes
+    ----------
+    a, b : str
+    statistic : float
+        Above 0 where a is larger.
+    p : float
+        Adjusted, at most 1.
+    sides, adjustment : str
+        One of `SIDES`, one of `ADJUSTMENTS`.
+    """
+
+    a: str
+    b: str
+    statistic: float
+    p: float
+    sides: str
+    adjustment: str
+
+
+def dunn(groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni") -> tuple[Pair, ...]:
+    """Dunn's test of every pair of groups, by their mean ranks among all values.
+
+    z = (Ra - Rb)/sqrt((N(N + 1)/12 - sum(t^3 - t)/(12(N - 1))) (1/na + 1/nb)), t the sizes of ties.
+
+    Parameters
+    ----------
+    groups : dict of str to array_like, shape (n,)
+    sides : {"two-sided", "one-sided"}
+        One-sided is P(Z > abs(z)), half of the other; some programs print it and say no word.
+    adjustment : {"bonferroni", "none"}
+        Times the number of pairs, at most 1.
+
+    Returns
+    -------
+    tuple of Pair
+        In the groups' order.
+
+    Raises
+    ------
+    BadValue
+        As `kruskal`; an unknown name of sides or adjustment.
+
+    References
+    ----------
+    Dunn (1964), Technometrics 6:241.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import dunn
+    >>> pairs = dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]})
+    >>> [(p.a, p.b, round(p.statistic, 3), round(p.p, 4)) for p in pairs]
+    [('a', 'b', -0.447, 1.0), ('a', 'c', -2.236, 0.076), ('b', 'c', -1.789, 0.2209)]
+    """
+    from scipy.stats import norm, rankdata
+
+    _one_of("dunn", "sides", sides, SIDES)
+    _one_of("dunn", "adjustment", adjustment, ADJUSTMENTS)
+    rows = _groups("dunn", groups)
+    ranks = rankdata(np.concatenate(list(rows.values())))
+    N = ranks.size
+    ties = np.unique(ranks, return_counts=True)[1]
+    variance = N * (N + 1) / 12 - np.sum(ties**3.0 - ties) / (12 * (N - 1))
+    parts = dict(zip(rows, np.split(ranks, np.cumsum([r.size for r in rows.values()])[:-1]), strict=True))
+    pairs = list(combinations(rows, 2))
+    z = [(parts[a].mean() - parts[b].mean()) / np.sqrt(variance * (1 / parts[a].size + 1 / parts[b].size)) for a, b in pairs]
+    times = (2 if sides == "two-sided" else 1) * (len(pairs) if adjustment == "bonferroni" else 1)
+    return tuple(
+        Pair(a, b, float(v), min(1.0, times * float(norm.sf(abs(v)))), sides, adjustment)
+        for (a, b), v in zip(pairs, z, strict=True)
+    )
+
+
+def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
+    """One-way analysis of variance between independent groups.
+
+    Parameters
+    ----------
+    groups : dict of str to array_like, shape (n,)
+        Of different people; taken for the same people in several conditions it has the wrong error and too many degrees of
+        freedom: `repeated` is for that.
+
+    Returns
+    -------
+    Statistic
+        F, with its two degrees of freedom.
+
+    Raises
+    ------
+    BadValue
+        As `kruskal`; no group with two values.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import anova
+    >>> test = anova({"a": [1.0, 2.0, 3.0], "b": [2.0, 3.0, 4.0]})
+    >>> round(test.value, 6), test.df, round(test.p, 6)
+    (1.5, (1.0, 4.0), 0.287864)
+    """
+    from scipy.stats import f_oneway
+
+    rows = _groups("anova", groups)
+    df = len(rows) - 1.0, float(sum(r.size for r in rows.values()) - len(rows))
+    if df[1] == 0:
+        raise BadValue("anova: every group has one value, so there is no error to compare with")
+    found = f_oneway(*rows.values())
+    return Statistic("ANOVA, independent groups", float(found.statistic), df, float(found.pvalue))
+
+
+# Within participants ---------------------------------------------------------------------------------------------------
+def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
+    """Student's t test of differences: the same people in two conditions.
+
+    Parameters
+    ----------
+    a, b : array_like, shape (participants,)
+        In the same order.
+
+    Returns
+    -------
+    Statistic
+        t with n - 1 degrees of freedom, above 0 where a is larger; two-sided.  Its square is the F of `repeated`.
+
+    Raises
+    ------
+    BadValue
+        Rows of different lengths, of fewer than two, not finite, or of equal differences.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import paired
+    >>> test = paired([2.4, 2.3, 2.6, 2.1], [2.0, 2.1, 2.1, 2.0])
+    >>> round(test.value, 4), test.df, round(test.p, 4)
+    (3.2863, (3.0,), 0.0462)
+    """
+    from scipy.stats import ttest_rel
+
+    a, b = _row("paired", a, 2), _row("paired", b, 2)
+    if a.size != b.size:
+        raise BadValue(f"paired: {a.size} values and {b.size}: give both of every participant, in the same order")
+    if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
+        raise BadValue("paired: all differences are the same: there is no spread to compare with")
+    found = ttest_rel(a, b)
+    return Statistic("paired t", float(found.statistic), (a.size - 1.0,), float(found.pvalue))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of a repeated-measures analysis of variance; every number has the shape of the batch, () for one experiment.
+
+    Attributes
+    ----------
+    name : str
+        Factors joined by ``:``.
+    F : float or ndarray
+    df : (float, float)
+    p : float or ndarray
+        As if spherical.
+    epsilon : float or ndarray
+        Greenhouse and Geisser's: 1 where sphericity holds, 1/df at the least.
+    p_corrected : float or ndarray
+        With both degrees of freedom times epsilon.
+    eta2 : float or ndarray
+        Partial eta squared, SS/(SS + SS of its error).
+    """
+
+    name: str
+    F: Any
+    df: tuple[float, float]
+    p: Any
+    epsilon: Any
+    p_corrected: Any
+    eta2: Any
+
+
+def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tuple[Effect, ...]:
+    """Repeated-measures analysis of variance: the same people in all conditions, any number of factors.
+
+    Each effect is a set of orthonormal contrasts of the conditions.  With d their values for one person, and n people:
+    F = n |mean d|^2 (n - 1)/sum |d - mean d|^2.  Its error is how much people differ in that effect, so it needs one value of
+    each person in each condition: the mean of the trials.
+
+    Parameters
+    ----------
+    values : array_like, shape (.., participants, levels of the first factor, levels of the second, ..)
+        Axes before these are experiments, each analysed alone (for simulations).
+    factors : sequence of str
+        Their names.
+
+    Returns
+    -------
+    tuple of Effect
+        Main effects, then interactions.
+
+    Raises
+    ------
+    BadValue
+        Fewer axes than factors and participants, fewer than two of either, values that are not finite.
+
+    References
+    ----------
+    Maxwell and Delaney (2004), Designing Experiments and Analyzing Data, chapters 11 to 13; Greenhouse and Geisser (1959),
+    Psychometrika 24:95.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import repeated
+    >>> (effect,) = repeated([[2.0, 2.4], [2.1, 2.3], [2.1, 2.6], [2.0, 2.1]])
+    >>> round(float(effect.F), 4), effect.df, round(float(effect.p), 4)
+    (10.8, (1.0, 3.0), 0.0462)
+    """
+    from scipy.stats import f
+
+    y = np.asarray(values, float)
+    names = tuple(factors)
+    if y.ndim < len(names) + 1 or not names:
+        raise BadValue(f"repeated: shape {y.shape} has no axis for the participants and one for each of {', '.join(names)}")
+    shape = y.shape[y.ndim - len(names) - 1 :]
+    if min(shape) < 2:
+        raise BadValue(f"repeated: {shape[0]} participants and levels {shape[1:]}: there must be at least two of each")
+    if not np.isfinite(y).all():
+        raise BadValue("repeated: a value is not finite: every participant needs one in every condition; for gaps take mixed")
+    n = shape[0]
+    rows = y.reshape(*y.shape[: y.ndim - len(shape)], n, -1)
+    found = []
+    for size in range(1, len(names) + 1):
+        for some in combinations(range(len(names)), size):
+            d = rows @ _contrasts(shape[1:], some)
+            middle = d.mean(axis=-2)
+            rest = d - middle[..., None, :]
+            effect, error = n * np.sum(middle**2, axis=-1), np.sum(rest**2, axis=(-2, -1))
+            df = float(d.shape[-1]), float(d.shape[-1] * (n - 1))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                F = (effect / df[0]) / (error / df[1])
+                S = np.swapaxes(rest, -1, -2) @ rest
+                epsilon = np.trace(S, axis1=-2, axis2=-1) ** 2 / (df[0] * np.sum(S * S, axis=(-2, -1)))
+            corrected = f.sf(F, df[0] * epsilon, df[1] * epsilon)
+            name = ":".join(names[k] for k in some)
+            found.append(Effect(name, F, df, f.sf(F, *df), epsilon, corrected, effect / (effect + error)))
+    return tuple(found)
+
+
+def _contrasts(levels: Sequence[int], some: Sequence[int]) -> Array:
+    """Orthonormal columns: differences within the factors that are named, means over the others."""
+    matrix = np.ones((1, 1))
+    for k, m in enumerate(levels):
+        if k in some:
+            helmert = np.triu(np.ones((m, m - 1))) - np.eye(m, m - 1, -1) * np.arange(1, m)  # each level against those before
+            part = helmert / np.linalg.norm(helmert, axis=0)
+        else:
+            part = np.full((m, 1), m**-0.5)
+        matrix = np.kron(matrix, part)
+    return matrix
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """Of a mixed model: estimate, standard error, z, p and interval."""
+
+    name: str
+    value: float
+    error: float
+    z: float
+    p: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """A mixed model.
+
+    Attributes
+    ----------
+    coefficients : tuple of Coefficient
+        Of the fixed effects.
+    group_variance, residual_variance : float
+        Between participants (of the intercept), and within.
+    converged : bool
+        False: the numbers are not to be used.
+    loglik : float
+    """
+
+    coefficients: tuple[Coefficient, ...]
+    group_variance: float
+    residual_variance: float
+    converged: bool
+    loglik: float
+
+
+def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant") -> Mixed:
+    """A linear mixed model with an intercept of each participant: for gaps, covariates such as the trial's number, drift.
+
+    Parameters
+    ----------
+    columns : dict of str to sequence, or DataFrame
+        A row for each answer.
+    formula : str
+        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.
+    participant : str
+        The column that says whose answer it is.
+
+    Returns
+    -------
+    Mixed
+        By restricted maximum likelihood.
+
+    Raises
+    ------
+    UnknownName
+        A column that the formula or ``participant`` names is not there.
+    BadValue
+        A formula or data that statsmodels cannot fit; its message is quoted.
+    MissingPackage
+        statsmodels is not installed: ``pip install 'stimlib[experiments]'``.
+
+    References
+    ----------
+    Laird and Ware (1982), Biometrics 38:963; statsmodels' ``MixedLM``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.compare import mixed
+    >>> person, level = np.repeat(np.arange(6), 8), np.tile(np.arange(8.0), 6)
+    >>> noise = np.random.default_rng(1).normal(size=48)
+    >>> model = mixed({"participant": person, "level": level, "rating": person + 2 * level + noise}, "rating ~ level")
+    >>> [(c.name, round(c.value, 1)) for c in model.coefficients], model.converged
+    ([('Intercept', 2.2), ('level', 2.1)], True)
+    """
+    import warnings
+
+    what, extra = "mixed", "'stimlib[experiments]'"
+    models = package("statsmodels.regression.mixed_linear_model", what, extra)
+    table = package("pandas", what, extra).DataFrame(columns)
+    if participant not in table:
+        raise UnknownName(f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            fit = models.MixedLM.from_formula(formula, table, groups=table[participant]).fit()
+        except Exception as e:
+            if "is not defined" in str(e):
+                raise UnknownName(f"mixed: {formula}: {e}; the columns are {', '.join(map(str, table))}") from None
+            raise BadValue(f"mixed: {formula}: {type(e).__name__}: {e}") from e
+    ends = fit.conf_int()
+    fixed = tuple(
+        Coefficient(n, float(v), float(fit.bse[n]), float(fit.tvalues[n]), float(fit.pvalues[n]), *map(float, ends.loc[n]))
+        for n, v in fit.fe_params.items()
+    )
+    good = bool(fit.converged) and not any("ConvergenceWarning" in w.category.__name__ for w in said)
+    return Mixed(fixed, float(fit.cov_re.iloc[0, 0]), float(fit.scale), good, float(fit.llf))
+
+
+# What is given ---------------------------------------------------------------------------------------------------------
+def _row(what: str, values: ArrayLike, least: int) -> Array:
+    row = np.asarray(values, float)
+    if row.ndim != 1 or row.size < least:
+        raise BadValue(f"{what}: give a row of at least {least} values, got shape {row.shape}")
+    if not np.isfinite(row).all():
+        raise BadValue(f"{what}: value {int(np.argmin(np.isfinite(row)))} is not finite")
+    return row
+
+
+def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    if len(groups) < 2:
+        raise BadValue(f"{what}: give at least two groups, by name; got {len(groups)}")
+    rows = {str(name): _row(f"{what}: {name}", row, 1) for name, row in groups.items()}
+    if np.ptp(np.concatenate(list(rows.values()))) == 0:
+        raise BadValue(f"{what}: all values are the same")
+    return rows
+
+
+def _one_of(what: str, name: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise BadValue(f"{what}: {name} = {value!r} must be one of {', '.join(known)}")

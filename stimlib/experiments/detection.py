@@ -1,0 +1,202 @@
+"""Signal detection: d' from counts, proportions with their intervals, sensitivity and specificity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import BadValue
+from .likelihood import curve
+
+CORRECTIONS = {
+    "error": "one answer of the other kind is added where all were the same: 0 becomes 1/(n + 1), and 1 becomes n/(n + 1)",
+    "half": "0 becomes 1/(2n), and 1 becomes 1 - 1/(2n)",
+    "loglinear": "(k + 0.5)/(n + 1), always",
+    "none": "none: all right, or all wrong, gives an infinite value",
+}
+"""What is done where a rate is 0 or 1, whose z is infinite: ``error`` is from Çaldıran's thesis, section 3.7, ``half`` from
+Macmillan and Kaplan (1985), ``loglinear`` from Hautus (1995)."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """How well signal and noise were told apart.
+
+    Attributes
+    ----------
+    d : float
+        Sensitivity d' = z(H) - z(F).
+    criterion : float
+        c = -(z(H) + z(F))/2; above 0: rather no.
+    hit_rate, false_alarm_rate : float
+        H and F, corrected.
+    corrected : bool
+        Whether the correction changed a rate.
+    standard_error : float
+        Of d', sqrt(H(1 - H)/(n phi(z(H))^2) + the same of F).
+    """
+
+    d: float
+    criterion: float
+    hit_rate: float
+    false_alarm_rate: float
+    corrected: bool
+    standard_error: float
+
+
+def detection(hits: int, signals: int, false_alarms: int, noises: int, correction: str = "error") -> Detection:
+    """d' of a one-interval task, or of a yes-no one.
+
+    Parameters
+    ----------
+    hits, signals : int
+        Answers "signal", of so many trials with it.
+    false_alarms, noises : int
+        Answers "signal", of so many trials without it.
+    correction : str
+        One of `CORRECTIONS`.
+
+    Returns
+    -------
+    Detection
+
+    Raises
+    ------
+    BadValue
+        Counts that are none, or above their trials; an unknown correction.
+
+    References
+    ----------
+    Macmillan and Creelman (2005), Detection Theory, eqs. (1.5) and (2.1); standard error: Gourevitch and Galanter (1967),
+    Psychometrika 32:25.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.detection import detection
+    >>> round(detection(41, 50, 9, 50).d, 6), round(detection(50, 50, 0, 50).d, 6)
+    (1.83073, 4.123833)
+    >>> round(detection(50, 50, 0, 50, correction="half").d, 6)
+    4.652696
+    """
+    _, density, inverse = curve("probit")
+    if correction not in CORRECTIONS:
+        raise BadValue(f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}")
+    _counts("detection", hits, signals)
+    _counts("detection", false_alarms, noises)
+    (H, n), (F, m) = _rate(hits, signals, correction), _rate(false_alarms, noises, correction)
+    z_H, z_F = float(inverse(H)), float(inverse(F))
+    variance = sum(p * (1 - p) / (k * density(z) ** 2) if 0 < p < 1 else float("inf") for p, k, z in ((H, n, z_H), (F, m, z_F)))
+    changed = (H, F) != (hits / signals, false_alarms / noises)
+    return Detection(z_H - z_F, -(z_H + z_F) / 2, H, F, changed, float(variance**0.5))
+
+
+def _rate(k: int, n: int, correction: str) -> tuple[float, int]:
+    """The corrected rate, and of how many."""
+    extreme = k in (0, n)
+    if correction == "loglinear":
+        return (k + 0.5) / (n + 1), n + 1
+    if correction == "half" and extreme:
+        return (0.5 if k == 0 else n - 0.5) / n, n
+    if correction == "error" and extreme:
+        return (1 if k == 0 else n) / (n + 1), n + 1
+    return k / n, n
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """k of n, with its interval."""
+
+    value: float
+    low: float
+    high: float
+    k: int
+    n: int
+
+
+def wilson(k: int, n: int, confidence: float = 0.95) -> Proportion:
+    """A proportion with its Wilson score interval.
+
+    Parameters
+    ----------
+    k, n : int
+        So many of so many trials.
+    confidence : float
+
+    Returns
+    -------
+    Proportion
+
+    Raises
+    ------
+    BadValue
+        Counts that are none; k above n; confidence not between 0 and 1.
+
+    References
+    ----------
+    Wilson (1927), Journal of the American Statistical Association 22:209.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.detection import wilson
+    >>> p = wilson(239, 252)
+    >>> round(p.value, 4), round(p.low, 4), round(p.high, 4)
+    (0.9484, 0.9138, 0.9696)
+    """
+    from scipy.stats import binomtest
+
+    _counts("wilson", k, n)
+    if not 0 < confidence < 1:
+        raise BadValue(f"wilson: confidence = {confidence!r} must be between 0 and 1")
+    found = binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
+    return Proportion(k / n, float(found.low), float(found.high), int(k), int(n))
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Of a detection task, as of a diagnostic test."""
+
+    sensitivity: Proportion
+    specificity: Proportion
+    accuracy: Proportion
+
+
+def diagnosis(hits: int, signals: int, correct_rejections: int, noises: int, confidence: float = 0.95) -> Diagnosis:
+    """Sensitivity, specificity and accuracy, with Wilson intervals of the trials that there were.
+
+    Parameters
+    ----------
+    hits, signals : int
+        True positives, of so many.
+    correct_rejections, noises : int
+        True negatives, of so many.
+    confidence : float
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    BadValue
+        As `wilson`.
+
+    References
+    ----------
+    Altman and Bland (1994), BMJ 308:1552; Li et al. (2016), section "Data processing methods".
+
+    Examples
+    --------
+    >>> from stimlib.experiments.detection import diagnosis
+    >>> found = diagnosis(239, 252, 112, 112)
+    >>> [round(p.low, 4) for p in (found.sensitivity, found.specificity, found.accuracy)]
+    [0.9138, 0.9668, 0.9399]
+    """
+    return Diagnosis(
+        wilson(hits, signals, confidence),
+        wilson(correct_rejections, noises, confidence),
+        wilson(hits + correct_rejections, signals + noises, confidence),
+    )
+
+
+def _counts(what: str, k: int, n: int) -> None:
+    if not (k == int(k) and n == int(n) and 0 <= k <= n and n > 0):
+        raise BadValue(f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the second above 0")

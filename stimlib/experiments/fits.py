@@ -1,0 +1,378 @@
+"""Psychometric functions from answers: where two stimuli feel the same, how fine the difference is, and how sure both are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import BadValue
+from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, probability
+
+PROBLEMS = {
+    "few": "all answers are the same, or to one level: nothing can be fitted; choose levels around the threshold",
+    "separated": "no level has both answers but the one between: the slope is not determined, the PSE is between {low:.6g} and "
+    "{high:.6g}; add levels there, or trials",
+    "falling": "yes becomes rarer as the level rises: look whether the other answer should count as yes",
+    "flat": "the answers hardly depend on the level: the data allow a slope of 0, and any PSE",
+    "lapses": "some answers far from the PSE fit no curve without lapses, and make this one too flat: give lapse=None to fit "
+    "their rate, or a rate of your own",
+}
+"""What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
+SURE_OF_LAPSES = 0.01
+BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
+RESAMPLES = 2000
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A psychometric function, of answers that were fitted.
+
+    Attributes
+    ----------
+    pse : float
+        Where the curve is half-way up, in the unit of the levels: the point of subjective equality, or the threshold.
+    sigma : float
+        Spread of the curve on the axis of the fit (of log10 of the levels with ``log``): of a cumulative normal its standard
+        deviation, of a logistic function its scale.
+    lapse, guess : float
+        How far the curve stays from 1 above, and from 0 below.
+    pse_interval, sigma_interval : (float, float)
+        Ends may be infinite, sigma's lower one 0: the data then allow it.
+    problems : tuple of str
+        Names in `PROBLEMS`; empty for a fit that can be used.  With any but "lapses", PSE, sigma and intervals are nan.
+    loglik, deviance : float
+        Of the fit; the deviance is that from a curve through every level's proportion.
+    trials, levels : int
+        How many answers, and different levels, there were.
+    gap : (float, float)
+        The highest level with a no and the lowest with a yes, the lower one first.
+    """
+
+    pse: float
+    sigma: float
+    lapse: float
+    guess: float
+    pse_interval: Interval
+    sigma_interval: Interval
+    problems: tuple[str, ...]
+    loglik: float
+    deviance: float
+    trials: int
+    levels: int
+    gap: Interval
+    link: str = "probit"
+    log: bool = False
+    confidence: float = 0.95
+
+    @property
+    def slope(self) -> float:
+        """Of the link on the axis of the fit, 1/sigma, as regression programs print it."""
+        return 1 / self.sigma
+
+    @property
+    def intercept(self) -> float:
+        """Of the link at 0 on the axis of the fit."""
+        return -self._axis(self.pse) / self.sigma
+
+    @property
+    def jnd(self) -> float:
+        """Just-noticeable difference, from 50 to 75 % of the curve: in the unit of the levels; with ``log`` a part of the PSE."""
+        return self._difference(self.sigma)
+
+    @property
+    def jnd_interval(self) -> Interval:
+        """Of ``jnd``, from that of sigma."""
+        low, high = self.sigma_interval
+        return self._difference(low), self._difference(high)
+
+    def __call__(self, level: ArrayLike) -> Array:
+        """Probability of yes at a level."""
+        axis = np.log10(level) if self.log else np.asarray(level, float)
+        model = Model(self.link, self.guess)
+        return probability((axis - self._axis(self.pse)) / self.sigma, model, self.lapse)[0]
+
+    def advice(self) -> list[str]:
+        """What is wrong with the fit, and what to do about it."""
+        return [PROBLEMS[name].format(low=self.gap[0], high=self.gap[1]) for name in self.problems]
+
+    def _axis(self, level: float) -> float:
+        return math.log10(level) if self.log else level
+
+    def _difference(self, sigma: float) -> float:
+        wide = float(curve(self.link)[2](0.75)) * sigma
+        if not self.log:
+            return wide
+        return 10**wide - 1 if wide < 300 else math.inf
+
+
+def psychometric(
+    levels: ArrayLike,
+    yes: ArrayLike,
+    trials: ArrayLike | None = None,
+    *,
+    link: str = "probit",
+    log: bool = False,
+    guess: float | None = None,
+    lapse: float | None = 0.0,
+    interval: str = "profile",
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> Fit:
+    """Fit a psychometric function by maximum likelihood.
+
+    p(x) = g + (1 - g - l) F((x - PSE)/sigma), with g the rate of guesses and l that of lapses.
+
+    Parameters
+    ----------
+    levels : array_like, shape (n,)
+        Of each trial, or of each group of trials.
+    yes : array_like, shape (n,)
+        1 where the answer was yes ("the comparison is stiffer"), else 0; with ``trials``: how many were.
+    trials : array_like, shape (n,), optional
+        How many were asked at each level.
+    link : {"probit", "logit"}
+    log : bool
+        Fit over log10 of the levels, which are then above 0.
+    guess : float, optional
+        Rate of guesses: 1/m for the right one of m.  By default that of the lapses, as for a comparison, where who did not
+        attend says yes half the time: then twice ``lapse`` of the trials were not attended to.
+    lapse : float or None
+        Rate of lapses, below 0.5; None fits it, from 0 to 0.1.
+    interval : {"profile", "bootstrap", "none"}
+        Where the log-likelihood has fallen by half the quantile of chi squared, all else fitted anew; or quantiles of 2000 fits
+        to answers drawn from this one (parametric, percentile); or none, which is quicker.
+    confidence : float
+        Of each interval.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    Fit
+        Data that determine no curve give no error and no wild number: ``problems`` names what is wrong.
+
+    Raises
+    ------
+    BadValue
+        Shapes that differ, numbers that are not finite, answers that are no counts, parameters outside their range.
+
+    References
+    ----------
+    Finney (1971), Probit Analysis; Wichmann and Hill (2001), Perception and Psychophysics 63:1293 and 63:1314; Albert and
+    Anderson (1984), Biometrika 71:1 (separation).
+
+    Examples
+    --------
+    >>> from stimlib.experiments.fits import psychometric
+    >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5)
+    >>> round(fit.pse, 3), round(fit.jnd, 3), [round(v, 3) for v in fit.pse_interval], fit.problems
+    (1.998, 0.391, [1.813, 2.182], ())
+    >>> psychometric([1.0, 2.0, 3.0, 4.0], [0, 0, 20, 20], [20] * 4).advice()
+    ['no level has both answers but the one between: the slope is not determined, the PSE is between 2 and 3; ...']
+    """
+    model = _model(link, guess, lapse, interval, confidence)
+    sets = _sets(levels, yes, trials, log)
+    middle = float(np.average(sets.x, weights=sets.n))
+    problems = undetermined(sets)
+    found = maximum(sets, middle, model)
+    if not problems:
+        problems = _problems(sets, middle, model, found)
+    value, sigma, around = math.nan, math.nan, np.full((2, 2), math.nan)
+    if set(problems) <= {"lapses"}:
+        value, sigma = middle - float(found.a / found.b), 1 / float(found.b)
+        if interval != "none":
+            around = profile(sets, model, confidence) if interval == "profile" else bootstrap(sets, model, confidence, seed)
+    pse, low, high = (10**v if log else v for v in (value, *map(float, around[0])))
+    return Fit(
+        pse=pse,
+        sigma=sigma,
+        lapse=float(found.lapse),
+        guess=float(found.lapse if guess is None else guess),
+        pse_interval=(low, high),
+        sigma_interval=(float(around[1, 0]), float(around[1, 1])),
+        problems=problems,
+        loglik=float(found.loglik),
+        deviance=2 * (_best_possible(sets) - float(found.loglik)),
+        trials=int(sets.n.sum()),
+        levels=sets.x.size,
+        gap=_gap(sets, log),
+        link=link,
+        log=log,
+        confidence=confidence,
+    )
+
+
+def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Array:
+    """Profile-likelihood intervals, of many sets at once.
+
+    Parameters
+    ----------
+    sets : Sets
+        Of shape (.., levels); no set separated.
+    model : Model
+    confidence : float
+
+    Returns
+    -------
+    ndarray, shape (2, 2, ..)
+        Lower and upper end of the PSE, and of sigma (positive slopes only).
+
+    References
+    ----------
+    Venzon and Moolgavkar (1988), Applied Statistics 37:87.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.fits import profile
+    >>> from stimlib.experiments.likelihood import Sets
+    >>> profile(Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20))).round(3)
+    array([[1.627, 2.365],
+           [0.867, 1.647]])
+    """
+    from scipy.stats import chi2
+
+    middle = np.sum(sets.x * sets.n, axis=-1) / np.sum(sets.n, axis=-1)
+    best = maximum(sets, middle, model)
+    z = np.sqrt(chi2.ppf(confidence, 1))
+    both = np.array([-1.0, 1.0]).reshape(2, *[1] * best.b.ndim)
+    width = np.std(sets.x, axis=-1) / 8
+
+    def fallen(held: Found) -> Array:
+        return np.sqrt(2 * np.maximum(best.loglik - held.loglik, 0.0)) - z  # nearly straight
+
+    def at_pse(m: Array) -> Array:
+        return fallen(maximum(sets, m, model, a=0.0, start=best))
+
+    def at_slope(logs: Array) -> Array:
+        return fallen(maximum(sets, middle, model, b=np.exp(np.clip(logs, -60, 60)), start=best))
+
+    pses = ends(at_pse, np.broadcast_to(middle - best.a / best.b, (2, *best.b.shape)), both * width)
+    slopes = ends(at_slope, np.broadcast_to(np.log(np.abs(best.b)), pses.shape), -0.2 * both)
+    return np.stack([pses, np.exp(-slopes)])
+
+
+def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES) -> Array:
+    """Percentiles of fits to answers that were drawn from the fit of one set, at the same levels.
+
+    Parameters
+    ----------
+    sets : Sets
+        Of shape (levels,).
+    model, confidence
+        As `profile`.
+    seed : int
+    n : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (2, 2)
+        As `profile`.  A resample that is separated counts with the sigma of nearly 0 that it has.
+
+    References
+    ----------
+    Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3; Wichmann and Hill (2001), Perception and
+    Psychophysics 63:1314.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.fits import bootstrap
+    >>> from stimlib.experiments.likelihood import Sets
+    >>> bootstrap(Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20)), n=200).round(1)
+    array([[1.6, 2.4],
+           [0.8, 1.5]])
+    """
+    middle = float(np.average(sets.x, weights=sets.n))
+    found = maximum(sets, middle, model)
+    p = probability(found.a + found.b * (sets.x - middle), model, found.lapse)[0]
+    drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (n, p.size)).astype(float)
+    fits = maximum(sets._replace(yes=drawn), middle, model)
+    each = np.stack([middle - fits.a / fits.b, 1 / np.abs(fits.b)])
+    tail = (1 - confidence) / 2
+    return np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
+
+
+# What is given ---------------------------------------------------------------------------------------------------------
+def _model(link: str, guess: float | None, lapse: float | None, interval: str, confidence: float) -> Model:
+    curve(link)
+    if interval not in ("profile", "bootstrap", "none"):
+        raise BadValue(f"psychometric: interval = {interval!r} must be profile, bootstrap or none")
+    if not 0 < confidence < 1:
+        raise BadValue(f"psychometric: confidence = {confidence!r} must be between 0 and 1")
+    if lapse is not None and not 0 <= lapse < 0.5:
+        raise BadValue(f"psychometric: lapse = {lapse!r} must be at least 0 and below 0.5, or None to fit it")
+    if guess is not None and not 0 <= guess < 1 - (LAPSES if lapse is None else lapse):
+        raise BadValue(f"psychometric: guess = {guess!r} must be at least 0 and below 1 - lapse; 0.5 for the right one of two")
+    return Model(link, guess, lapse)
+
+
+def _sets(levels: ArrayLike, yes: ArrayLike, trials: ArrayLike | None, log: bool) -> Sets:
+    """One set, each level once."""
+    x, k = np.asarray(levels, float), np.asarray(yes, float)
+    n = np.ones_like(k) if trials is None else np.asarray(trials, float)
+    if not x.ndim == 1 == k.ndim == n.ndim or not x.size == k.size == n.size > 0:
+        raise BadValue(f"psychometric: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one length")
+    for name, bad in (
+        ("levels", ~np.isfinite(x) | (log & (x <= 0))),
+        ("yes", ~((k >= 0) & (k <= n) & (k == np.floor(k)))),
+        ("trials", ~(np.isfinite(n) & (n == np.floor(n)))),
+    ):
+        if bad.any():
+            at = int(np.argmax(bad))
+            what = "must be finite" + (", and above 0 for log" if log else "") if name == "levels" else "must be whole counts"
+            more = ", yes from 0 to the number of trials" if name == "yes" else ""
+            raise BadValue(f"psychometric: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name} {what}{more}")
+    unique, where = np.unique(np.log10(x[n > 0]) if log else x[n > 0], return_inverse=True)
+    if not unique.size:
+        raise BadValue("psychometric: there are no trials")
+    return Sets(unique, np.bincount(where, k[n > 0]), np.bincount(where, n[n > 0]))
+
+
+# What is wrong with it -------------------------------------------------------------------------------------------------
+def _gap(sets: Sets, log: bool) -> Interval:
+    """The highest level with a no, and the lowest with a yes, in their order."""
+    some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
+    if not some_no.size or not some_yes.size:
+        return math.nan, math.nan
+    low, high = sorted((float(some_no.max()), float(some_yes.min())))
+    return (10**low, 10**high) if log else (low, high)
+
+
+def undetermined(sets: Sets) -> tuple[str, ...]:
+    """Answers that no finite slope above 0 fits best, as their order alone shows."""
+    some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
+    if not some_no.size or not some_yes.size or sets.x.size < 2:
+        return ("few",)
+    if some_no.max() <= some_yes.min():
+        return ("separated",)
+    return ("falling",) if some_yes.max() <= some_no.min() else ()
+
+
+def _problems(sets: Sets, middle: float, model: Model, found: Found) -> tuple[str, ...]:
+    """What is wrong with answers that have a best curve."""
+    from scipy.stats import chi2
+
+    if found.b <= 0:
+        return ("falling",)
+    if np.sum(np.abs(found.a + found.b * (sets.x - middle)) < BEYOND) < 2:  # but for lapses, they are separated
+        return ("separated",)
+    if 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < chi2.ppf(0.95, 1):
+        return ("flat",)
+    if model.lapse is None:
+        return ()
+    more = maximum(sets, middle, model._replace(lapse=None)).loglik
+    lapses = 2 * (more - found.loglik) > chi2.isf(2 * SURE_OF_LAPSES, 1)  # at the edge of its range: half of chi squared
+    return ("lapses",) if lapses else ()
+
+
+def _best_possible(sets: Sets) -> float:
+    """Log-likelihood of every level's own proportion."""
+    from scipy.special import xlogy
+
+    return float(np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n)))

@@ -1,0 +1,247 @@
+"""Maximum likelihood of psychometric functions, many sets of answers at once.
+
+    p(x) = low + (1 - low - high) F(a + b (x - c))
+
+F is the cumulative normal (probit) or logistic (logit) function, ``high`` the rate of lapses, ``low`` the rate of guesses.  A set
+is a row of levels, so a bootstrap or 2000 simulated people are one call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import BadValue
+
+Array = np.ndarray
+LINKS = ("probit", "logit")
+LAPSES = 0.1  # the largest rate that is looked for
+STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
+STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
+"""Where scoring starts: middle and slope, in spreads of the levels; where there may be several peaks."""
+ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses
+DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7  # of the search for an end of an interval: steps, and how near 0 it ends
+FLOOR = 1e-15  # of a probability
+
+
+class Sets(NamedTuple):
+    """Answers: levels, how many said yes, how many were asked; each of shape (.., levels)."""
+
+    x: Array
+    yes: Array
+    n: Array
+
+
+class Model(NamedTuple):
+    """What is fitted: the link, the rate of guesses (None: as many as lapses), and of lapses (None: fitted)."""
+
+    link: str = "probit"
+    guess: float | None = None
+    lapse: float | None = 0.0
+
+
+PROBIT = Model()
+
+
+class Found(NamedTuple):
+    """The best of each set: intercept at c, slope, rate of lapses, log-likelihood; each of shape (..)."""
+
+    a: Array
+    b: Array
+    lapse: Array
+    loglik: Array
+
+
+def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callable[[Any], Any]]:
+    """F, its density and its inverse.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.likelihood import curve
+    >>> F, density, inverse = curve("probit")
+    >>> round(float(F(inverse(0.75))), 12), round(float(inverse(0.75)), 6)
+    (0.75, 0.67449)
+    """
+    from scipy.special import expit, logit, ndtr, ndtri
+
+    if link not in LINKS:
+        raise BadValue(f"link = {link!r} must be one of {', '.join(LINKS)}")
+    if link == "logit":
+        return expit, lambda eta: expit(eta) * expit(-eta), logit
+    return ndtr, lambda eta: np.exp(-0.5 * eta * eta) / np.sqrt(2 * np.pi), ndtri
+
+
+def probability(eta: ArrayLike, model: Model, lapse: ArrayLike = 0.0) -> tuple[Array, Array]:
+    """Of yes and of no, where the link is at eta; each is exact to rounding where it is small.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.likelihood import Model, probability
+    >>> [round(float(p), 3) for p in probability(0.0, Model(guess=0.5), 0.02)]
+    [0.74, 0.26]
+    """
+    F = curve(model.link)[0]
+    low = lapse if model.guess is None else model.guess
+    rest = 1 - np.asarray(low) - lapse
+    eta = np.asarray(eta)
+    return np.maximum(low + rest * F(eta), FLOOR), np.maximum(lapse + rest * F(-eta), FLOOR)
+
+
+def maximum(
+    sets: Sets,
+    c: ArrayLike,
+    model: Model = PROBIT,
+    *,
+    a: ArrayLike | None = None,
+    b: ArrayLike | None = None,
+    start: Found | None = None,
+) -> Found:
+    """The most likely a and b of each set, by Fisher scoring; steps that make it worse are halved.
+
+    Parameters
+    ----------
+    sets : Sets
+        Shape (.., levels).
+    c : array_like, shape (..)
+        Where the intercept is taken.
+    model : Model
+    a, b : array_like, shape (..), optional
+        Held there and not fitted: with a = 0, c is the middle of the curve.
+    start : Found, optional
+        Where to begin, which saves steps where it is near.
+
+    Returns
+    -------
+    Found
+        Sets that no finite slope fits best come back with a very large one.
+
+    References
+    ----------
+    McCullagh and Nelder (1989), Generalized Linear Models, section 4.4 (scoring); Wichmann and Hill (2001), Perception and
+    Psychophysics 63, eq. (1) (guesses and lapses).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.likelihood import Model, Sets, maximum
+    >>> found = maximum(Sets(np.array([1.0, 2.0, 3.0]), np.array([2, 5, 8]), np.array([10, 10, 10])), 2.0)
+    >>> abs(round(float(found.a), 6)), round(float(found.b), 6)
+    (0.0, 0.841621)
+    """
+    free = a is None, b is None
+    begin = (start.a, start.b) if start is not None else (0.0, 0.0)
+    a, b = (np.asarray(v if given is None else given) for given, v in zip((a, b), begin, strict=True))
+    c = np.asarray(c)
+    shape = np.broadcast_shapes(*(v.shape[:-1] for v in sets), c.shape, a.shape, b.shape)
+    z = np.broadcast_to(sets.x - c[..., None], shape + sets.x.shape[-1:])
+    yes, n = (np.broadcast_to(v, z.shape) for v in sets[1:])
+    size = np.sqrt(np.sum(n * z * z, axis=-1) / np.sum(n, axis=-1))
+    size = np.where(size > 0, size, 1.0)
+    sets, b = Sets(z / size[..., None], yes, n), b * size
+    if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
+        found = _climb(sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS)
+    else:
+        found = _climb(sets, model, _search(sets, model, a, b, free), free, STEPS)
+    return found._replace(b=found.b / size)
+
+
+def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool]) -> Found:
+    """The best of many starts and rates of lapses, each after a few steps; x is in spreads of the levels."""
+    shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
+    grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
+    middles, slopes = (np.tile(v, grid.size) for v in np.array(STARTS).T)
+    low = np.full(shape, 0.0 if model.lapse is None else model.lapse)
+    high = low + (LAPSES if model.lapse is None else 0.0)
+    for _ in range(ZOOMS if model.lapse is None else 1):
+        rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(STARTS), axis=-1)
+        steep = slopes if free[1] else b[..., None]
+        start = -middles * steep if free[0] else a[..., None]
+        found = _climb(each, model, Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))), free, FEW)
+        best = np.argmax(found.loglik, axis=-1)[..., None]
+        found = Found(*(np.take_along_axis(v, best, -1)[..., 0] for v in found))
+        step = (high - low) / (GRID - 1)
+        low, high = np.maximum(found.lapse - step, 0.0), np.minimum(found.lapse + step, LAPSES)
+    return found
+
+
+def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, bool], steps: int) -> Found:
+    """One row for each start; it is left alone when its steps have become small."""
+    shape = start.a.shape
+    z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
+    lapse = start.lapse.reshape(-1, 1)
+    at = np.stack([start.a.ravel(), start.b.ravel()], axis=1)
+    loglik, step = _score(at, z, yes, n, model, lapse, free)
+    active = np.arange(len(at))
+    for _ in range(steps):
+        trial = at[active] + step[active]
+        new, newer = _score(trial, z[active], yes[active], n[active], model, lapse[active], free)
+        better = new >= loglik[active] - 1e-12 * np.abs(loglik[active])
+        at[active[better]], loglik[active[better]] = trial[better], new[better]
+        step[active] = np.where(better[:, None], newer, step[active] / 2)
+        active = active[(np.abs(step[active]) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)]
+        if not active.size:
+            break
+    return Found(*(v.reshape(shape) for v in (at[:, 0], at[:, 1], lapse[:, 0], loglik)))
+
+
+def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, lapse: Array, free: tuple[bool, bool]) -> tuple[Array, Array]:
+    """The log-likelihood of each row, and its step: the expected information's inverse times the gradient."""
+    eta = at[:, :1] + at[:, 1:] * z
+    p, q = probability(eta, model, lapse)
+    slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](eta)
+    loglik = np.sum(yes * np.log(p) + (n - yes) * np.log(q), axis=1)
+    g, w = slope * (yes / p - (n - yes) / q), n * slope * slope / (p * q)
+    g0, g1, w0, w1, w2 = (np.sum(v, axis=1) for v in (g, g * z, w, w * z, w * z * z))
+    if free == (True, True):
+        det = w0 * w2 - w1 * w1 + FLOOR
+        return loglik, np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0], axis=1) / det[:, None]
+    return loglik, np.stack([free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)], axis=1)
+
+
+def ends(excess: Callable[[Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
+    """Where a function that is below 0 at the start first passes 0 on the way along step; inf (of the step's sign) if nowhere.
+
+    The step is doubled until 0 is passed, 14 times at most; then false position, by the Illinois rule.
+
+    Parameters
+    ----------
+    excess : callable
+        Of an array of the starts' shape; quick where it is nearly straight.
+    start, step : array_like
+
+    References
+    ----------
+    Dowell and Jarratt (1971), BIT 11:168 (Illinois rule).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.likelihood import ends
+    >>> ends(lambda x: x**2 - 2, np.zeros(2), np.array([0.1, -0.1])).round(6)
+    array([ 1.414214, -1.414214])
+    """
+    near, step = np.broadcast_arrays(np.asarray(start, float), np.asarray(step, float))
+    below = excess(near)
+    far = near + step
+    above = excess(far)
+    for _ in range(DOUBLINGS):
+        inside = ~(above > 0)
+        if not inside.any():
+            break
+        near, below, step = np.where(inside, far, near), np.where(inside, above, below), np.where(inside, 2 * step, step)
+        far = np.where(inside, near + step, far)
+        above = excess(far)
+    never = ~(above > 0)
+    middle = far
+    for _ in range(SECANTS):
+        middle = np.where(never, far, near - below * (far - near) / np.where(never, 1.0, above - below))
+        value = excess(middle)
+        out = value > 0
+        below, above = np.where(out, below / 2, value), np.where(out, value, above / 2)
+        near, far = np.where(out, near, middle), np.where(out, middle, far)
+        if (never | (np.abs(value) <= NEAR)).all():
+            break
+    return np.where(never, np.copysign(np.inf, step), middle)

@@ -1,0 +1,408 @@
+"""Simulated observers: a design can be tried before people come.  Each is called with a trial and a generator, and answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..core.packages import package
+from ..core.pool import spread
+from ..core.progress import progress as bar
+from ..core.scene import Scene
+from ..errors import BadValue, UnknownName
+from ..run.rendering import render
+from ..sweep import measured
+from .experiment import Experiment
+from .likelihood import Model, probability
+from .streams import stream
+from .trial import Answer, Observer, Stimulus, Trial, observed, outcome
+
+By = float | Mapping[str, float]
+"""A number, or one for each condition."""
+
+
+@dataclass(frozen=True)
+class Psychometric:
+    """An observer of parameters, who looks at a trial's level alone.
+
+    Says "more" with the probability l + (1 - 2 l) F((level - PSE)/sigma).
+
+    Parameters
+    ----------
+    pse, sigma : float or dict of str to float
+        In the unit of the level (of log10 of it with ``log``: sigma), or one for each condition.
+    lapse : float
+        Half the part of the trials in which the answer is a coin's.
+    log : bool
+        Spread over log10 of the level.
+    link : {"probit", "logit"}
+
+    Raises
+    ------
+    BadValue
+        When called: a trial without a level or scores; sigma not above 0; lapse not from 0 to 0.5.
+    UnknownName
+        When called: no number for the trial's condition.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.observers import Psychometric
+    >>> from stimlib.experiments.streams import stream
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> task = Pair("noise", "softer", Stimulus("squeeze", {"k": 2000.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> trial = task.trial(9000.0, seed=1, n=0)
+    >>> answer = Psychometric(2340.0, 300.0)(trial, stream(1, "observer"))
+    >>> trial.scores[answer.values["softer"]]  # the comparison, of 9 N/mm, feels stiffer
+    1.0
+    """
+
+    pse: By
+    sigma: By
+    lapse: float = 0.0
+    log: bool = False
+    link: str = "probit"
+
+    def chance(self, trial: Trial) -> float:
+        """Probability of "more"."""
+        if trial.level is None:
+            raise BadValue(f"condition {trial.condition!r}: the trial has no level, so an observer of parameters has no answer")
+        pse, sigma = (_of(v, trial.condition, name) for v, name in ((self.pse, "pse"), (self.sigma, "sigma")))
+        if not (sigma > 0 and 0 <= self.lapse <= 0.5):
+            raise BadValue(f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from 0 to 0.5")
+        away = math.log10(trial.level / pse) if self.log else trial.level - pse
+        return float(probability(away / sigma, Model(self.link), self.lapse)[0])
+
+    def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
+        """An answer to the first question; one number is drawn."""
+        chance = self.chance(trial)
+        return _answer(trial, bool(rng.random() < chance))
+
+
+@dataclass(frozen=True)
+class Listener:
+    """An observer of the displayed signal, who feels one figure of the rendered samples, with an error.
+
+    Two intervals: says "more" where the comparison's figure is larger.  One: where it is above the criterion.  A rating: the
+    nearest whole number to offset + gain times the figure, from 1 to ``most``.
+
+    Parameters
+    ----------
+    scenes : dict of str to Scene
+    motion : dict
+        As ``render`` takes it.
+    fs, seconds : float
+        Hz; length of an interval.
+    measure : str or Measure
+        As a sweep has it: ``"rms(force1)"``, ``"band(20, 1000, force1)"``, ``"cues(x1, force1)"``.
+    sigma : float
+        Standard deviation of the error of each interval, in the figure's unit (of log10 of it with ``log``).
+    figure : str, optional
+        Which of the measure's figures, such as ``"W_force1"`` (work) or ``"k_fit_force1"`` (stiffness by regression); needed
+        where it has several.
+    log : bool
+        Feel log10 of the figure.
+    criterion : float, optional
+        For one interval; on the axis of the errors.
+    offset, gain, most
+        For ratings; on the axis of the errors.
+    lapse : float
+        Half the part of the trials in which the answer is a coin's.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        When called: what the trial needs and is not given; what ``render`` and the measure say.
+
+    Notes
+    -----
+    Limits of a sink are not in what it feels: the rendering is that of the scene.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.experiments.observers import Listener
+    >>> from stimlib.experiments.streams import stream
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.motion.generators import sinusoid
+    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
+    >>> hears = Listener({"spring": spring}, {"x": sinusoid(0.01, 5.0)}, 1000, 1.0, "rms", sigma=0.02, log=True)
+    >>> round(hears.figure_of(Stimulus("spring", {"k": 200.0})), 6)
+    1.414214
+    >>> trial = Pair("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k").trial(200.0, seed=1, n=0)
+    >>> trial.scores[hears(trial, stream(1, "observer")).values["stiffer"]]
+    1.0
+    """
+
+    scenes: Mapping[str, Scene]
+    motion: Any
+    fs: float
+    seconds: float
+    measure: Any
+    sigma: float
+    figure: str = ""
+    log: bool = False
+    criterion: float | None = None
+    offset: float = 0.0
+    gain: float = 1.0
+    most: int = 7
+    lapse: float = 0.0
+
+    def figure_of(self, stimulus: Stimulus) -> float:
+        """The figure of a stimulus, rendered."""
+        if stimulus.scene not in self.scenes:
+            raise UnknownName(f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}")
+        scene = self.scenes[stimulus.scene]
+        figures = measured(render(scene, self.motion, self.fs, self.seconds, dict(stimulus.params), stimulus.seed), self.measure)
+        if not self.figure and len(figures) > 1:
+            raise BadValue(f"Listener: the measure has several figures, {', '.join(figures)}: name one as figure")
+        if self.figure and self.figure not in figures:
+            raise UnknownName(f"Listener: no figure {self.figure!r}; there are {', '.join(figures)}")
+        return figures[self.figure] if self.figure else next(iter(figures.values()))
+
+    def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
+        """An answer to the first question; one normal number is drawn for each interval, and two for lapses."""
+        felt = {}
+        for s in trial.stimuli:
+            value = self.figure_of(s)
+            if self.log and not value > 0:
+                raise BadValue(f"Listener: the figure is {value:g}, which has no logarithm: give log=False")
+            felt[s.name] = (math.log10(value) if self.log else value) + self.sigma * rng.normal()
+        lapsed, coin = rng.random(2)
+        attends = lapsed >= 2 * self.lapse
+        if trial.scores:
+            return _answer(trial, self._more(trial, felt) if attends else bool(coin < 0.5))
+        rating = self.offset + self.gain * next(iter(felt.values())) if attends else 0.5 + coin * self.most
+        return Answer({trial.questions[0]: int(min(max(round(rating), 1), self.most))})
+
+    def _more(self, trial: Trial, felt: Mapping[str, float]) -> bool:
+        if len(felt) == 1:
+            if self.criterion is None:
+                raise BadValue(f"condition {trial.condition!r} has one interval: give the criterion above which it is the signal")
+            return next(iter(felt.values())) > self.criterion
+        if set(felt) != {"standard", "comparison"}:
+            raise BadValue(f"condition {trial.condition!r}: the stimuli must be named standard and comparison, not {list(felt)}")
+        return felt["comparison"] > felt["standard"]
+
+
+def _answer(trial: Trial, more: bool) -> Answer:
+    """The choice that counts for more, or for less."""
+    for choice, score in trial.scores.items():
+        if (score > 0.5) == more:
+            return Answer({trial.questions[0]: choice})
+    raise BadValue(f"condition {trial.condition!r}: the trial has no scores that say which choice counts for more, and for less")
+
+
+def _of(v: By, condition: str, name: str) -> float:
+    if not isinstance(v, Mapping):
+        return v
+    if condition not in v:
+        raise UnknownName(f"observer: no {name} of condition {condition!r}; there are {', '.join(v)}")
+    return v[condition]
+
+
+# Many of them ----------------------------------------------------------------------------------------------------------
+COLUMNS = ("participant", "number", "condition", "track", "level", "outcome")
+
+
+def simulate(
+    experiment: Experiment,
+    observer: Observer | Mapping[str, Observer],
+    participants: int | Sequence[str],
+    *,
+    session: int = 1,
+    seed: int = 0,
+    workers: int | None = 1,
+    progress: bool = True,
+) -> dict[str, list[Any]]:
+    """A whole experiment with simulated observers: the answers of all, as an analysis takes them.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    observer : callable or dict of str to callable
+        ``observer(trial, rng) -> Answer``: one for all, or each participant's own.
+    participants : int or sequence of str
+        How many (P01, P02, ..), or their codes.
+    session : int
+    seed : int
+        Of the observers; each participant draws from their own stream.
+    workers : int or None
+        Processes; None is one for each core, which pays where stimuli are rendered.
+    progress : bool
+        A progress bar on stderr, if that is a terminal.
+
+    Returns
+    -------
+    dict of str to list
+        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level`` and ``outcome``; training
+        is left out.  The same on every run and with any number of workers.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        What a trial or an observer finds wrong; a participant without an observer.
+    MissingPackage
+        Several workers and no cloudpickle: ``pip install 'stimlib[sweep]'``.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.experiments.designs import Staircase
+    >>> from stimlib.experiments.experiment import Experiment
+    >>> from stimlib.experiments.fits import psychometric
+    >>> from stimlib.experiments.observers import Psychometric, simulate
+    >>> from stimlib.experiments.questions import choice
+    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.trial import Stimulus
+    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
+    >>> task = Pair("silent", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
+    >>> stairs = Staircase(task, start=(200.0, 250.0), bounds=(10.0, 1000.0))
+    >>> ask = choice("stiffer", "Which was stiffer?", "first", "second")
+    >>> springs = Experiment("springs", "1", {"spring": spring}, stairs, (ask,), fs=1000.0, safety=10.0)
+    >>> found = simulate(springs, Psychometric(117.0, 15.0), participants=4)
+    >>> fit = psychometric(found["level"], found["outcome"])
+    >>> fit.problems, 105 < fit.pse < 130
+    ((), True)
+    """
+    codes = [f"P{k + 1:02d}" for k in range(participants)] if isinstance(participants, int) else list(participants)
+    if not codes:
+        raise BadValue("simulate: there must be at least one participant")
+    if isinstance(observer, Mapping) and (alone := [c for c in codes if c not in observer]):
+        raise UnknownName(f"simulate: no observer for {alone[0]}; there are {', '.join(observer)}")
+    each = [(experiment, observer[c] if isinstance(observer, Mapping) else observer, c, session, seed) for c in codes]
+    if workers == 1:
+        jobs: list[tuple] = each
+        run: Callable[..., list[tuple]] = _participant
+    else:
+        dumps = package("cloudpickle", "simulate in several processes", "'stimlib[sweep]'").dumps
+        jobs, run = [(dumps(job),) for job in each], _unpacked
+    rows = []
+    with bar("simulating", len(codes), progress) as advance, spread(run, jobs, workers) as results:
+        for found in results:
+            rows += found
+            advance(1)
+    return {name: list(column) for name, column in zip(COLUMNS, zip(*rows, strict=True), strict=True)}
+
+
+def _unpacked(data: bytes) -> list[tuple]:
+    import pickle
+
+    return _participant(*pickle.loads(data))
+
+
+def _participant(experiment: Experiment, observer: Observer, code: str, session: int, seed: int) -> list[tuple]:
+    """The trials of one participant."""
+    design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
+    rows = []
+    for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):
+        experiment.check(trial)
+        if not trial.training:
+            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer)))
+    return rows
+
+
+@dataclass(frozen=True)
+class Power:
+    """What an experiment of so many participants would find.
+
+    Attributes
+    ----------
+    found : float
+        Part of the experiments whose p is below alpha: the power, or where nothing differs the rate of false positives.
+    interval : (float, float)
+        Of it, Wilson's, 95 %: from the number of experiments that were simulated.
+    estimate, bias, spread : float
+        Mean of the estimates, that less the truth, and their standard deviation; of experiments that gave one.
+    failed : int
+        Experiments without an estimate.
+    trials : (float, int)
+        Of a participant: mean, and the most there were.
+    """
+
+    found: float
+    interval: tuple[float, float]
+    estimate: float
+    bias: float
+    spread: float
+    failed: int
+    trials: tuple[float, int]
+
+
+def power(
+    experiment: Experiment,
+    observer: Callable[[np.random.Generator], Observer],
+    analyse: Callable[[dict[str, list[Any]]], tuple[float, float]],
+    participants: int,
+    *,
+    truth: float = math.nan,
+    experiments: int = 100,
+    alpha: float = 0.05,
+    seed: int = 0,
+    workers: int | None = 1,
+    progress: bool = True,
+) -> Power:
+    """Simulate an experiment many times: how often it finds what is there, how far it errs, how long it is.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    observer : callable
+        ``observer(rng) -> Observer``: a participant as drawn from the population.
+    analyse : callable
+        ``analyse(columns) -> (estimate, p)`` of what `simulate` gives; an estimate that is nan counts as a failure.
+    participants : int
+        Of one experiment.
+    truth : float
+        What the estimate should be.
+    experiments : int
+        How many are simulated.
+    alpha : float
+    seed, workers, progress
+        As `simulate`.
+
+    Returns
+    -------
+    Power
+
+    Raises
+    ------
+    BadValue
+        No experiments; and as `simulate`.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_analysis`.
+    """
+    from .detection import wilson
+
+    if experiments < 1:
+        raise BadValue(f"power: experiments = {experiments!r} must be at least 1")
+    codes = [f"E{e}-P{p + 1:02d}" for e in range(experiments) for p in range(participants)]
+    people = {code: observer(stream(seed, "person", code)) for code in codes}
+    columns = simulate(experiment, people, codes, seed=seed, workers=workers, progress=progress)
+    whose = np.array([code.partition("-")[0] for code in columns["participant"]])
+    found = []
+    for e in range(experiments):
+        at = np.flatnonzero(whose == f"E{e}")
+        found.append(analyse({name: [column[k] for k in at] for name, column in columns.items()}))
+    estimates, p = np.array(found, float).T
+    good = np.isfinite(estimates)
+    share = wilson(int(np.sum(p[good] < alpha)), experiments)
+    lengths = np.unique(columns["participant"], return_counts=True)[1]
+    mean = float(np.mean(estimates[good])) if good.any() else math.nan
+    spread_ = float(np.std(estimates[good], ddof=1)) if good.sum() > 1 else math.nan
+    return Power(
+        share.value,
+        (share.low, share.high),
+        mean,
+        mean - truth,
+        spread_,
+        int(np.sum(~good)),
+        (float(lengths.mean()), int(lengths.max())),
+    )

@@ -1,0 +1,189 @@
+"""The page of an experiment: one file, without code, that nothing else is needed for."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from ..checks.figures import svg
+from ..checks.page import STYLE, facts, items
+from ..core import regular
+from ..errors import shown
+from .fits import Fit
+from .tables import Columns, grouped, plain
+
+SHOWN = ("pse", "pse_interval", "jnd", "jnd_interval", "slope", "intercept", "lapse", "trials", "levels", "problems")
+HEADS = {"pse": "PSE", "pse_interval": "PSE, interval", "jnd": "JND", "jnd_interval": "JND, interval"}
+ACROSS = 4  # pictures in a row
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    title: str,
+    method: str,
+    columns: Columns,
+    *,
+    fits: Mapping[tuple[Any, ...], Fit] | None = None,
+    by: Sequence[str] = ("participant", "condition"),
+    tables: Mapping[str, Iterable[Any]] | None = None,
+    notes: Sequence[str] = (),
+    unit: str = "",
+) -> None:
+    """Write one self-contained page: method, curves, staircase tracks, tables; the same bytes for the same answers.
+
+    Parameters
+    ----------
+    path : path
+    title : str
+    method : str
+        How the data were taken and analysed, as a paper says it; paragraphs are parted by an empty line.
+    columns : dict of str to sequence
+        All answers: ``participant``, ``condition``, ``level``, ``outcome``, ``track``, ``number``.
+    fits : dict, optional
+        Of `stimlib.experiments.tables.fitted`, over the same ``by``.
+    by : sequence of str
+        What the keys of the fits are.
+    tables : dict of str to results, optional
+        By title: sequences of dataclasses, such as those of `stimlib.experiments.compare`.
+    notes : sequence of str
+        What a reader should know: what does not add up, what was left out.
+    unit : str
+        Of the level.
+
+    Raises
+    ------
+    SinkError
+        The file cannot be written.
+    UnknownName
+        A column is missing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from stimlib.experiments.report import write_report
+    >>> from stimlib.experiments.tables import fitted
+    >>> answers = {"participant": ["P01"] * 60, "condition": ["a"] * 60, "track": [""] * 60, "number": list(range(1, 61))}
+    >>> answers |= {"level": [1.0, 2.0, 3.0] * 20, "outcome": [0, 1, 1] * 10 + [0, 0, 1] * 9 + [1, 0, 1]}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "report.html"
+    ...     write_report(path, "Springs", "Constant stimuli, probit.", answers, fits=fitted(answers), unit="N/mm")
+    ...     "PSE" in path.read_text()
+    True
+    """
+    fits = fits or {}
+    paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
+    flagged = [f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()]
+    parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
+    if notes:
+        parts.append(f"<h2>To be known</h2>{items(notes)}")
+    if fits:
+        answers = grouped(columns, by)
+        label = f"level / {unit}" if unit else "level"
+        size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
+        parts.append(f"<h2>Psychometric functions</h2>{svg(lambda figure: _curves(figure, answers, fits, label), size)}")
+        parts.append(f"<p>Fits that are not to be used as they are:</p>{items(flagged)}{_table(_fits(fits, by))}")
+    if any(columns["track"]):
+        tracks = grouped(columns, ("participant", "condition"))
+        size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
+        parts.append(f"<h2>Staircases</h2>{svg(lambda figure: _tracks(figure, tracks, unit), size)}")
+    parts += [f"<h2>{_q(name)}</h2>{_table(plain(rows))}" for name, rows in (tables or {}).items()]
+    made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
+    text = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(title)}</title><style>{STYLE}</style>'
+        f'<h1>{_q(title)}</h1>{"".join(parts)}<p class="small">Made with {_q(made)}.</p></html>\n'
+    )
+    regular.publish(path, text)
+
+
+def _q(text: object) -> str:
+    return html.escape(shown(text))
+
+
+def _counts(columns: Columns) -> dict[str, str]:
+    people = list(dict.fromkeys(columns["participant"]))
+    conditions = list(dict.fromkeys(columns["condition"]))
+    trials = [len(rows["level"]) for rows in grouped(columns, ("participant",)).values()]
+    return {
+        "participants": f"{len(people)}: {', '.join(map(str, people))}",
+        "conditions": ", ".join(map(str, conditions)),
+        "trials": f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}",
+    }
+
+
+def _fits(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str]) -> list[dict[str, Any]]:
+    return [dict(zip(by, key, strict=True)) | {name: getattr(fit, name) for name in SHOWN} for key, fit in fits.items()]
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return "<p>nothing</p>"
+    head = "".join(f"<th>{_q(HEADS.get(name, name.replace('_', ' ')))}</th>" for name in rows[0])
+    body = "".join(f"<tr>{''.join(_cell(v) for v in row.values())}</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return f"<td>{_q(value)}</td>"
+    if isinstance(value, (tuple, list)):
+        return f'<td class="n">{_q(", ".join(_number(v) for v in value))}</td>'
+    return f'<td class="n">{_q(_number(value))}</td>'
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, (float, np.floating, np.ndarray)) else str(value)
+
+
+# Pictures --------------------------------------------------------------------------------------------------------------
+def _axes(figure: Any, n: int) -> Any:
+    across = min(ACROSS, n)
+    axes = figure.subplots(-(-n // across), across, squeeze=False, sharex=True, sharey=True).flat
+    for ax in axes[n:]:
+        ax.set_axis_off()
+    return axes[:n]
+
+
+def _logarithmic(axis: Any, scale: Any) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _curves(figure: Any, answers: Mapping[tuple, Columns], fits: Mapping[tuple, Fit], label: str) -> None:
+    """Proportions (area: how many trials) and the fit of each, with the interval of its PSE."""
+    for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
+        level, yes = np.array(answers[key]["level"], float), np.array(answers[key]["outcome"], float)
+        at, where, n = np.unique(level, return_inverse=True, return_counts=True)
+        ax.scatter(at, np.bincount(where, yes) / n, s=8 * n, alpha=0.5, linewidths=0)
+        if np.isfinite(fit.pse):
+            x = np.geomspace(at[0], at[-1], 200) if fit.log else np.linspace(at[0], at[-1], 200)
+            ax.plot(x, fit(x), color="C1")
+            ax.plot(np.clip(fit.pse_interval, at[0], at[-1]), [fit(fit.pse)] * 2, color="C1", lw=3)
+        if fit.log:
+            _logarithmic(ax.xaxis, ax.set_xscale)
+        ax.set_title(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else ""))
+        ax.set(ylim=(-0.05, 1.05))
+        ax.grid(alpha=0.3)
+    figure.supxlabel(label)
+    figure.supylabel("proportion of more")
+
+
+def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
+    """Levels over trials, a line for each staircase."""
+    for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
+        for name, one in grouped(rows, ("track",)).items():
+            ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7, label=str(name[0]))
+        _logarithmic(ax.yaxis, ax.set_yscale)
+        ax.set_title(" ".join(map(str, key)))
+        ax.grid(alpha=0.3)
+    figure.supxlabel("trial")
+    figure.supylabel(f"level / {unit}" if unit else "level")

@@ -1,0 +1,239 @@
+"""How sensation follows the stimulus: Weber's line, Fechner's and Stevens' laws, the JND from d'."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import BadValue
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line by least squares, y = intercept + slope x.
+
+    Attributes
+    ----------
+    slope, intercept : float
+    slope_error, intercept_error : float
+        Standard errors.
+    slope_p, intercept_p : float
+        Two-sided, of t with ``df`` degrees of freedom against 0.
+    r2 : float
+        Part of the variance that is explained.
+    df : int
+        Points - 2.
+    """
+
+    slope: float
+    intercept: float
+    slope_error: float
+    intercept_error: float
+    slope_p: float
+    intercept_p: float
+    r2: float
+    df: int
+
+
+def line(x: ArrayLike, y: ArrayLike) -> Line:
+    """Fit a line: of JNDs over their references it is Weber's, with an intercept.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        At least three points.
+
+    Returns
+    -------
+    Line
+
+    Raises
+    ------
+    BadValue
+        Shapes that differ, fewer than three points, numbers that are not finite, all x the same.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.scaling import line
+    >>> jnds = line([0.25, 0.5, 0.75], [0.03615, 0.0693, 0.10875])  # Çaldıran's thesis, fig. 3.6
+    >>> round(jnds.slope, 4), round(jnds.intercept, 4), round(jnds.slope_p, 4), round(jnds.r2, 3)
+    (0.1452, -0.0012, 0.0319, 0.997)
+    """
+    from scipy.stats import linregress, t
+
+    x, y = _points("line", x, y)
+    found = linregress(x, y)
+    df = x.size - 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p = 2 * t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
+    return Line(
+        float(found.slope),
+        float(found.intercept),
+        float(found.stderr),
+        float(found.intercept_stderr),
+        float(found.pvalue),
+        float(p),
+        float(found.rvalue**2),
+        df,
+    )
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law of sensation, fitted to ratings.
+
+    Attributes
+    ----------
+    name : str
+        ``"fechner"``: R = offset + gain log10(I).  ``"stevens"``: R = factor I^exponent, fitted as a line in logarithms.
+    line : Line
+        In log10 of the stimulus, and of the rating for Stevens.
+    r2 : float
+        Part of the variance of the ratings themselves that the law explains, so that the two can be compared.
+    aic : float
+        n log(RSS/n) + 4, of the ratings: the smaller, the better.
+    """
+
+    name: str
+    line: Line
+    r2: float
+    aic: float
+
+    def __call__(self, intensity: ArrayLike) -> np.ndarray:
+        """The rating of a stimulus."""
+        value = self.line.intercept + self.line.slope * np.log10(intensity)
+        return 10**value if self.name == "stevens" else value
+
+
+def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
+    """Fechner's law, R = a + b log10(I).
+
+    Parameters
+    ----------
+    intensity : array_like, shape (n,)
+        Above 0.
+    rating : array_like, shape (n,)
+
+    Returns
+    -------
+    Law
+
+    Raises
+    ------
+    BadValue
+        As `line`; an intensity that is not above 0.
+
+    References
+    ----------
+    Gescheider (1997), Psychophysics: The Fundamentals, chapter 1.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.scaling import fechner
+    >>> law = fechner([0.1, 1.0, 10.0], [2.0, 4.0, 6.0])
+    >>> round(law.line.intercept, 6), round(law.line.slope, 6), law(100.0).round(6)
+    (4.0, 2.0, np.float64(8.0))
+    """
+    x, y = _points("fechner", intensity, rating)
+    _above("fechner", "intensity", x)
+    return _law("fechner", x, y, line(np.log10(x), y))
+
+
+def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
+    """Stevens' law, R = c I^n, as a line in logarithms.
+
+    Parameters
+    ----------
+    intensity, rating : array_like, shape (n,)
+        Above 0.
+
+    Returns
+    -------
+    Law
+        The exponent is ``line.slope``, the factor 10**line.intercept.
+
+    Raises
+    ------
+    BadValue
+        As `line`; an intensity or a rating that is not above 0.
+
+    References
+    ----------
+    Stevens (1957), Psychological Review 64:153.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.scaling import stevens
+    >>> law = stevens([1.0, 4.0, 16.0], [3.0, 6.0, 12.0])
+    >>> round(law.line.slope, 6), round(float(law(64.0)), 6)
+    (0.5, 24.0)
+    """
+    x, y = _points("stevens", intensity, rating)
+    _above("stevens", "intensity", x)
+    _above("stevens", "rating", y)
+    return _law("stevens", x, y, line(np.log10(x), np.log10(y)))
+
+
+def _law(name: str, x: np.ndarray, y: np.ndarray, fitted: Line) -> Law:
+    rest = float(np.sum((y - Law(name, fitted, 0.0, 0.0)(x)) ** 2))
+    with np.errstate(divide="ignore"):
+        aic = float(x.size * np.log(rest / x.size) + 4)
+    return Law(name, fitted, 1 - rest / float(np.sum((y - y.mean()) ** 2)), aic)
+
+
+def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
+    """The increment at which d' is 1: 1 over the mean of the slopes d'/increment.
+
+    Parameters
+    ----------
+    d : array_like, shape (.., n)
+        d' of each increment; further axes (participants) are averaged over, slope by slope, as the thesis does.
+    increment : array_like, shape (n,)
+        Above 0, in the unit of the stimulus.
+
+    Returns
+    -------
+    float
+        In the unit of the increments; nan where the mean slope is not above 0.
+
+    Raises
+    ------
+    BadValue
+        An increment not above 0, or shapes that do not fit.
+
+    References
+    ----------
+    Çaldıran's thesis, section 3.7; Tan et al. (1995), Perception and Psychophysics 57:495.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.scaling import jnd_from_dprime
+    >>> jnd_from_dprime([1.0, 2.0, 3.0], [0.05, 0.1, 0.15])
+    0.05
+    """
+    d, step = np.asarray(d, float), np.asarray(increment, float)
+    _above("jnd_from_dprime", "increment", np.atleast_1d(step))
+    if d.shape[-1:] != step.shape:
+        raise BadValue(f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not {step.shape}")
+    slope = float(np.mean(d / step))
+    return 1 / slope if slope > 0 else float("nan")
+
+
+def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if x.ndim != 1 or x.shape != y.shape or x.size < 3:
+        raise BadValue(f"{what}: give two rows of one length, of at least three points; got shapes {x.shape} and {y.shape}")
+    for name, row in (("first", x), ("second", y)):
+        if not np.isfinite(row).all():
+            raise BadValue(f"{what}: number {int(np.argmin(np.isfinite(row)))} of the {name} row is not finite")
+    if np.ptp(x) == 0:
+        raise BadValue(f"{what}: all points have the same x, {x[0]:g}: a line needs two places")
+    return x, y
+
+
+def _above(what: str, name: str, row: np.ndarray) -> None:
+    if not (row > 0).all():
+        at = int(np.argmin(row > 0))
+        raise BadValue(f"{what}: {name}[{at}] = {row[at]:g} must be above 0")

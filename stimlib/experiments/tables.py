@@ -1,0 +1,137 @@
+"""Answers as columns, grouped and fitted; results as tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ..core.packages import package
+from ..errors import BadValue, UnknownName
+from .fits import Fit, psychometric
+
+Columns = Mapping[str, Sequence[Any]]
+"""A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a DataFrame is one, too."""
+
+
+def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[str, list[Any]]]:
+    """The rows of each group, in the order in which the groups first come.
+
+    Parameters
+    ----------
+    columns : dict of str to sequence
+        Of one length.
+    by : sequence of str
+        Columns whose values make a group.
+
+    Raises
+    ------
+    UnknownName
+        No such column.
+    BadValue
+        Columns of different lengths.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.tables import grouped
+    >>> grouped({"who": ["a", "b", "a"], "level": [1, 2, 3]}, ["who"])
+    {('a',): {'who': ['a', 'a'], 'level': [1, 3]}, ('b',): {'who': ['b'], 'level': [2]}}
+    """
+    if missing := [name for name in by if name not in columns]:
+        raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
+    rows = {str(name): list(columns[name]) for name in columns}
+    if len({len(column) for column in rows.values()}) > 1:
+        raise BadValue(f"columns differ in length: {', '.join(f'{k} {len(v)}' for k, v in rows.items())}")
+    found: dict[tuple[Any, ...], dict[str, list[Any]]] = {}
+    for row in zip(*rows.values(), strict=True):
+        named = dict(zip(rows, row, strict=True))
+        group = found.setdefault(tuple(named[name] for name in by), {name: [] for name in rows})
+        for name, value in named.items():
+            group[name].append(value)
+    return found
+
+
+def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), **how: Any) -> dict[tuple[Any, ...], Fit]:
+    """A psychometric function for each group.
+
+    Parameters
+    ----------
+    columns : dict of str to sequence
+        With ``level`` and ``outcome`` (1 for more), and those of ``by``.
+    by : sequence of str
+    **how
+        As `stimlib.experiments.fits.psychometric`.
+
+    Raises
+    ------
+    UnknownName, BadValue
+        As `grouped` and ``psychometric``.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.tables import fitted
+    >>> answers = {"who": ["a"] * 6, "level": [1, 2, 3, 1, 2, 3], "outcome": [0, 1, 0, 0, 0, 1]}
+    >>> fitted(answers, ["who"])[("a",)].trials
+    6
+    """
+    if missing := [name for name in ("level", "outcome") if name not in columns]:
+        raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
+    return {key: psychometric(rows["level"], rows["outcome"], **how) for key, rows in grouped(columns, by).items()}
+
+
+def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Results as rows of names and values.
+
+    Parameters
+    ----------
+    rows : iterable of dataclass, or dict of key to dataclass
+        Keys become columns of their own.
+    names : sequence of str
+        Of those columns.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.detection import wilson
+    >>> from stimlib.experiments.tables import plain
+    >>> plain({"speed": wilson(1, 2)}, ["technique"])[0]["technique"]
+    'speed'
+    """
+    if not isinstance(rows, Mapping):
+        return [_fields(row) for row in rows]
+    keys = [key if isinstance(key, tuple) else (key,) for key in rows]
+    return [dict(zip(names, key, strict=True)) | _fields(row) for key, row in zip(keys, rows.values(), strict=True)]
+
+
+def _fields(row: Any) -> dict[str, Any]:
+    own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
+    return own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept} if isinstance(row, Fit) else own
+
+
+def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> Any:
+    """Results as a pandas table.
+
+    Parameters
+    ----------
+    rows, names
+        As `plain`.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    MissingPackage
+        pandas is not installed: ``pip install 'stimlib[experiments]'``; `plain` needs it not.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.compare import dunn
+    >>> from stimlib.experiments.tables import frame
+    >>> frame(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[["a", "b", "p"]].round(4)
+       a  b       p
+    0  a  b  1.0000
+    1  a  c  0.0760
+    2  b  c  0.2209
+    """
+    return package("pandas", "a table of results", "'stimlib[experiments]'").DataFrame(plain(rows, names))

@@ -1,0 +1,202 @@
+"""Psychometric fits: against other programs, against the truth of simulated people, and of data that determine nothing."""
+
+import os
+
+import numpy as np
+import pytest
+
+from stimlib.errors import BadValue
+from stimlib.experiments.fits import bootstrap, profile, psychometric
+from stimlib.experiments.likelihood import Model, Sets, maximum
+
+STRESS = bool(os.environ.get("STIMLIB_STRESS"))
+LEVELS, YES, ASKED = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([1, 4, 9, 17, 19, 20]), np.full(6, 20)
+
+
+def ndtr(x):
+    from scipy.special import ndtr
+
+    return ndtr(x)
+
+
+# The same as elsewhere -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("link", ["probit", "logit"])
+@pytest.mark.parametrize("log", [False, True])
+def test_fits_are_those_of_statsmodels(link, log):
+    from statsmodels.genmod.families import Binomial, links
+    from statsmodels.genmod.generalized_linear_model import GLM
+
+    family = Binomial({"probit": links.Probit, "logit": links.Logit}[link]())
+    x = np.log10(LEVELS) if log else LEVELS
+    other = GLM(np.column_stack([YES, ASKED - YES]), np.column_stack([np.ones(6), x]), family=family).fit(tol=1e-15, maxiter=200)
+    fit = psychometric(LEVELS, YES, ASKED, link=link, log=log, interval="none")
+    assert [fit.intercept, fit.slope] == pytest.approx(list(other.params), rel=1e-8)
+    assert fit.deviance == pytest.approx(other.deviance, rel=1e-8)
+    trials = np.repeat([1, 0], [YES.sum(), (ASKED - YES).sum()])
+    at = np.concatenate([np.repeat(LEVELS, YES), np.repeat(LEVELS, ASKED - YES)])
+    assert repr(psychometric(at, trials, link=link, log=log, interval="none")) == repr(fit)  # an answer at a time
+
+
+def test_a_profile_interval_is_where_a_held_parameter_costs_so_much():
+    """By trying, of the likelihood as it is written down, which has several peaks: guesses of one half, lapses of 2 %."""
+    from scipy.stats import chi2
+
+    yes, asked = np.array([33, 30, 39, 54, 57, 60]), 60
+    fit = psychometric(LEVELS, yes, 3 * ASKED, guess=0.5, lapse=0.02, confidence=0.9)
+
+    def deviance(pse, sigma):
+        p = 0.5 + 0.48 * ndtr((LEVELS - pse) / sigma)
+        return -2 * np.sum(yes * np.log(p) + (asked - yes) * np.log(1 - p))
+
+    wanted = deviance(fit.pse, fit.sigma) + chi2.ppf(0.9, 1)
+    assert wanted == pytest.approx(-2 * fit.loglik + 2.705543454095404)
+    pses, sigmas = np.linspace(1.5, 3.5, 401), np.geomspace(0.005, 3, 401)
+    for end in fit.pse_interval:
+        assert min(deviance(end, s) for s in sigmas) == pytest.approx(wanted, abs=2e-3)
+    for end in fit.sigma_interval:
+        assert min(deviance(m, end) for m in pses) == pytest.approx(wanted, abs=2e-3)
+    assert fit.pse_interval[0] < fit.pse < fit.pse_interval[1] and fit.sigma_interval[0] < fit.sigma < fit.sigma_interval[1]
+    assert fit(np.array([fit.pse, 1e9])) == pytest.approx([0.74, 0.98])
+
+
+def test_a_rate_of_lapses_is_the_best_there_is():
+    from scipy.optimize import minimize
+
+    yes = np.array([0, 4, 9, 17, 19, 17])
+    fit = psychometric(LEVELS, yes, ASKED, lapse=None)
+
+    def cost(v):
+        p = v[2] + (1 - 2 * v[2]) * ndtr((LEVELS - v[0]) / v[1])
+        return -np.sum(yes * np.log(p) + (ASKED - yes) * np.log(1 - p))
+
+    other = minimize(
+        cost, [2, 0.5, 0.05], bounds=[(1.5, 2.5), (0.2, 2), (0.001, 0.1)], method="L-BFGS-B", options={"ftol": 1e-15}
+    )
+    assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=5e-3)
+    assert fit.loglik >= -other.fun - 1e-4 and fit.guess == fit.lapse
+
+
+def test_differences_and_scales():
+    fit = psychometric(LEVELS, YES, ASKED)
+    assert fit(fit.pse + fit.jnd) == pytest.approx(0.75, abs=1e-12) and fit(fit.pse) == pytest.approx(0.5, abs=1e-12)
+    assert fit.jnd_interval == pytest.approx([fit.jnd * s / fit.sigma for s in fit.sigma_interval])
+    logs = psychometric(LEVELS, YES, ASKED, log=True)
+    assert logs(logs.pse * (1 + logs.jnd)) == pytest.approx(0.75, abs=1e-12)
+    more = psychometric(1000 * LEVELS, YES, ASKED, log=True)  # other units
+    assert more.pse == pytest.approx(1000 * logs.pse) and more.jnd == pytest.approx(logs.jnd)
+    assert more.pse_interval == pytest.approx([1000 * v for v in logs.pse_interval], rel=1e-7)
+
+
+# Against the truth -----------------------------------------------------------------------------------------------------
+def staircases(rng, people, pse, sigma, k0=2.0):
+    """Four staircases of paper 000 for each of many people: stiffness (N/mm) and answers, 0 trials where one has ended."""
+    columns = []
+    for low, high in [(2.0, 2.5), (1 / 2.5, 1 / 2.0)] * 2:
+        k = k0 * rng.uniform(low, high, people)
+        reversals, last = np.zeros(people), np.zeros(people)
+        while (live := reversals < 20).any():
+            stiffer = rng.random(people) < ndtr((k - pse) / sigma)
+            columns.append((k, stiffer & live, live))
+            way = np.where(stiffer, -1, 1)
+            reversals = reversals + (live & (last == -way))
+            last, k = way, k * 10 ** (way * np.where(reversals < 5, 12, 3) / 20)
+    return Sets(*(np.array(c).T.astype(float) for c in zip(*columns, strict=True)))
+
+
+def test_2000_observers_of_the_staircases():
+    sets = staircases(np.random.default_rng(1), 2000, 2.34, 0.3)
+    found = maximum(sets, 2.34)
+    pse = 2.34 - found.a / found.b
+    assert abs(pse.mean() - 2.34) < 0.005
+    assert abs(pse.std() - 0.060) < 0.004
+
+
+def covered(people, model, at, chance):
+    """How often the ends of the intervals hold PSE 2 and sigma 0.4."""
+    n = np.full(at.size, 40.0)
+    sets = Sets(at, np.random.default_rng(3).binomial(40, chance((at - 2) / 0.4), (people, at.size)).astype(float), n)
+    (low, high), (flat_low, flat_high) = profile(sets, model)
+    return np.mean((low < 2) & (2 < high)), np.mean((flat_low < 0.4) & (0.4 < flat_high))
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such a count."""
+    people, off = (20000, 0.01) if STRESS else (1000, 0.02)
+    at = np.linspace(1.2, 2.8, 7)
+    assert covered(people, Model(), at, ndtr) == pytest.approx((0.95, 0.95), abs=off)
+    if STRESS:
+        assert covered(people, Model(guess=0.5, lapse=0.02), at, lambda z: 0.5 + 0.48 * ndtr(z)) == pytest.approx(
+            (0.95, 0.95), abs=off
+        )
+
+
+@pytest.mark.stress
+def test_bootstrap_intervals_hold_the_truth():
+    at, n, inside = np.linspace(1.2, 2.8, 7), np.full(7, 40.0), 0
+    drawn = np.random.default_rng(3).binomial(40, ndtr((at - 2) / 0.4), (2000, 7)).astype(float)
+    for k, yes in enumerate(drawn):
+        low, high = bootstrap(Sets(at, yes, n), seed=k, n=500)[0]
+        inside += low < 2 < high
+    assert 0.94 < inside / 2000 < 0.96
+
+
+def test_bootstrap_and_profile_agree_where_there_are_many_answers():
+    many = [10 * v for v in YES], [10 * v for v in ASKED]
+    a, b = (psychometric(LEVELS, *many, interval=i, seed=5) for i in ("profile", "bootstrap"))
+    assert b.pse_interval == pytest.approx(a.pse_interval, abs=0.01)
+    assert b.sigma_interval == pytest.approx(a.sigma_interval, rel=0.04)
+    assert psychometric(LEVELS, *many, interval="bootstrap", seed=5) == b
+
+
+# Nothing to fit --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("yes", "problem"),
+    [
+        ([0, 0, 0, 20, 20, 20], "separated"),
+        ([0, 0, 7, 20, 20, 20], "separated"),  # one level between has both answers
+        ([0, 0, 0, 0, 0, 0], "few"),
+        ([20, 19, 15, 9, 2, 0], "falling"),
+        ([20, 20, 20, 0, 0, 0], "falling"),
+        ([10, 11, 9, 12, 10, 11], "flat"),
+    ],
+)
+def test_data_that_determine_no_curve_give_no_number(yes, problem):
+    fit = psychometric(LEVELS, yes, ASKED)
+    assert fit.problems == (problem,) and len(fit.advice()) == 1
+    assert np.isnan([fit.pse, fit.sigma, fit.jnd, *fit.pse_interval, *fit.sigma_interval]).all()
+
+
+def test_a_gap_is_told():
+    assert "between 2 and 2.5" in psychometric(LEVELS, [0, 0, 0, 20, 20, 20], ASKED, log=True).advice()[0]
+    fit = psychometric(LEVELS, [0, 0, 1, 20, 20, 19], ASKED, lapse=0.02)  # but for a lapse, separated
+    assert fit.problems == ("separated",)
+
+
+def test_lapses_are_told_and_can_be_fitted():
+    levels = [1, 1.5, 2, 2.5, 3, 10]
+    plain = psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED)
+    assert plain.problems == ("lapses",) and plain.sigma > 1
+    for other in (psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in (None, 0.04)):
+        assert other.problems == () and other.sigma < 0.6 and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (dict(levels=[1, 2], yes=[1]), "one length"),
+        (dict(levels=[1, np.nan], yes=[0, 1]), r"levels\[1\]"),
+        (dict(levels=[0, 1], yes=[0, 1], log=True), r"levels\[0\] = 0.*above 0"),
+        (dict(levels=[1, 2], yes=[0, 2]), r"yes\[1\] = 2"),
+        (dict(levels=[1, 2], yes=[0.5, 1]), r"yes\[0\]"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[0, 1.5]), r"trials\[1\]"),
+        (dict(levels=[1, 2], yes=[0, 0], trials=[0, 0]), "no trials"),
+        (dict(levels=[1, 2], yes=[0, 1], link="cloglog"), "probit, logit"),
+        (dict(levels=[1, 2], yes=[0, 1], lapse=0.5), "lapse"),
+        (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse=None), "guess"),
+        (dict(levels=[1, 2], yes=[0, 1], interval="wald"), "bootstrap"),
+        (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
+    ],
+)
+def test_what_cannot_be_used_is_said(given, said):
+    with pytest.raises(BadValue, match=said):
+        psychometric(**given)

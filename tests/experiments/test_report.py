@@ -1,0 +1,74 @@
+"""Tables of answers, and the page: whole, self-contained, the same for the same answers, with what is wrong told."""
+
+import re
+
+import pytest
+from experiments.some import experiment
+
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.compare import repeated
+from stimlib.experiments.detection import wilson
+from stimlib.experiments.fits import psychometric
+from stimlib.experiments.observers import Psychometric, simulate
+from stimlib.experiments.report import write_report
+from stimlib.experiments.tables import fitted, frame, grouped, plain
+
+
+@pytest.fixture(scope="module")
+def answers():
+    columns = simulate(experiment(), Psychometric(2.34, 0.3), 2)
+    more = {"participant": "P<03>", "number": 1, "condition": "silent", "track": "high", "outcome": 1.0}
+    for level in (1.0, 2.0, 3.0):  # who felt every difference
+        for name, value in (more | {"level": level, "outcome": float(level > 2)}).items():
+            columns[name].append(value)
+    return columns
+
+
+def test_each_group_is_fitted_by_its_own_answers(answers):
+    fits = fitted(answers, interval="none", log=True)
+    assert list(fits) == [("P01", "silent"), ("P02", "silent"), ("P<03>", "silent")]
+    of = [k for k, who in enumerate(answers["participant"]) if who == "P02"]
+    alone = psychometric([answers["level"][k] for k in of], [answers["outcome"][k] for k in of], interval="none", log=True)
+    assert repr(fits["P02", "silent"]) == repr(alone)
+
+
+def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
+    fits = fitted(answers)
+    tables = {"Found": [wilson(3, 4)], "ANOVA": repeated([[1.0, 2.0], [2.0, 2.5]])}
+    for name in ("a.html", "b.html"):
+        write_report(
+            tmp_path / name, "A & B", "First.\n\nSecond.", answers, fits=fits, tables=tables, notes=["<as printed>"], unit="N/mm"
+        )
+    page = (tmp_path / "a.html").read_text()
+    assert page == (tmp_path / "b.html").read_text()
+    assert "<h1>A &amp; B</h1>" in page and "<p>First.</p><p>Second.</p>" in page and "&lt;as printed&gt;" in page
+    assert "P&lt;03&gt; silent: no level has both answers" in page and "P<03>" not in page
+    assert f"{fits['P01', 'silent'].pse:.4g}" in page and "0.75" in page and page.count("<svg") == 2
+    assert "level / N/mm" in page and page.count("<h2>") == 7
+    assert not re.search(r"<script|(?:src|href)=\"http", page)
+    write_report(tmp_path / "c.html", "None", "", {**answers, "track": [""] * len(answers["track"])})
+    assert "<svg" not in (tmp_path / "c.html").read_text()
+
+
+def test_results_are_tables():
+    one = frame({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
+    assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(one["k"]) == [1, 3]
+    fit = psychometric([1, 2, 3, 4], [1, 4, 15, 19], [20] * 4, interval="none")
+    assert plain([fit])[0]["slope"] == fit.slope and plain([fit])[0]["jnd"] == fit.jnd
+
+
+def test_what_is_missing_is_said(answers):
+    with pytest.raises(UnknownName, match="no column 'person'; there are participant"):
+        grouped(answers, ["person"])
+    with pytest.raises(UnknownName, match="'outcome'"):
+        fitted({"participant": [], "condition": [], "level": []})
+    with pytest.raises(BadValue, match="level 1"):
+        grouped({"who": ["a", "b"], "level": [1]}, ["who"])
+
+
+def test_without_pandas_a_table_says_what_to_install(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"stimlib\[experiments\]"):
+        frame([wilson(1, 2)])
