@@ -255,10 +255,12 @@ class Server:
 def _listen(host: str, port: int) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, port), family=family)
+        made = socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as e:
         why = getattr(e, "strerror", None) or e
         raise SinkError(f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one") from None
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # or a block waits until the one before is acknowledged
+    return made
 
 
 def _netloc(host: str, port: int) -> str:

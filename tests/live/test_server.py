@@ -116,6 +116,10 @@ def test_a_session_is_driven_heard_and_recorded(server):
     assert np.array_equal(np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0], y)
 
 
+def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
+    assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)  # accepted connections have it from there
+
+
 def test_a_page_that_disappears_lets_the_stimulus_fade(server):
     with greeted(server) as client:
         client.say("record")
