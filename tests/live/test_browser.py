@@ -1,0 +1,378 @@
+"""The page in a real browser: what a hand does reaches the processor, what comes back is drawn and heard, and all can use it."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import oscillator
+from stimlib.files.replay import delivered
+from stimlib.files.session import read_log
+from stimlib.run.safety import Safety
+from stimlib.scenes import soft_surface
+from stimlib.soft import surface
+
+pytest.importorskip("uvicorn")
+from live.chromium import Browser, Page, where
+
+from stimlib.live.server import Server
+from stimlib.live.stream import Stream
+
+pytestmark = [
+    pytest.mark.xdist_group("browser"),
+    pytest.mark.skipif(where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"),
+]
+FS, TOKEN, WIDE = 8000, "T" * 32, 0.1  # Hz; m that the field is wide
+LOOKS = Path(__file__).with_name("looks.js").read_text()
+READY = "document.querySelector('#run')?.disabled === false"
+RUNS = f"{READY} && document.querySelector('#run').textContent === 'Stop'"
+
+
+def springs():
+    """A spring under each of two fingers, and a tone."""
+    x1, x2 = Input("x1", "m"), Input("x2", "m")
+    k = Param("k", 2000.0, "N/m")
+    tone = constant(1.0, "V") * oscillator(constant(158.0, "Hz"))
+    return Scene({"force1": k * x1, "force2": k * x2, "tone": tone})
+
+
+class Site:
+    """One server at one address, and one browser."""
+
+    def __init__(self, folder):
+        self.folder, self.port = folder, 0
+        self.serve(Stream(springs(), FS, Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0}), title="Springs", folder=folder))
+        self.browser = Browser()
+
+    def serve(self, stream):
+        stream.warm_up()
+        self.server = Server(stream, port=self.port, token=TOKEN).start()
+        self.port = self.server.port
+
+    def open(self):
+        page = self.browser.page(self.server.url)
+        page.until("!document.querySelector('#state').textContent.startsWith('Connecting')")
+        page.js(LOOKS)
+        return page
+
+    def close(self):
+        self.browser.close()
+        self.server.close()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    made = Site(tmp_path_factory.mktemp("recordings"))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def first(site):
+    """The page that the tests share."""
+    return site.open()
+
+
+@pytest.fixture
+def page(first):
+    """It runs."""
+    first.until(READY)
+    if not first.js(RUNS):
+        first.js("document.querySelector('#run').click()")
+    first.until(RUNS)
+    return first
+
+
+def live(page: Page, expression: str):
+    """A value of what the page knows."""
+    return page.js(f"import('./live.js').then(({{live}}) => {expression})")
+
+
+def until(page: Page, expression: str):
+    return page.until(f"import('./live.js').then(({{live}}) => {expression})")
+
+
+def place(page: Page, u: float, v: float) -> tuple[float, float]:
+    """Where in the window a place of the field is, of 0 to 1 from its lower left corner."""
+    page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")
+    (x, y, *_), box = page.box("#field"), live(page, "live.field.box")
+    return x + box["x"] + u * box["w"], y + box["y"] + (1 - v) * box["h"]
+
+
+def press(page: Page, u: float, v: float, pointer: str = "mouse", force: float = 0.0) -> None:
+    page.mouse("Pressed", *place(page, u, v), pointer, force)
+    page.mouse("Moved", *place(page, u, v), pointer, force)
+
+
+def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
+    page.mouse("Released", *place(page, u, 0.5), pointer)
+
+
+def choose(page: Page, css: str, value: str) -> None:
+    """A value is chosen, or typed."""
+    page.js(f"(s => {{ s.value = {value!r}; s.dispatchEvent(new Event('change')); }})(document.querySelector({css!r}))")
+
+
+SECOND = "#sources fieldset:nth-child(2)"  # what drives x2
+
+
+def test_a_pointer_reaches_the_processor_and_the_curves(page):
+    press(page, 0.2, 0.5)
+    page.mouse("Moved", *place(page, 0.6, 0.5))
+    until(page, "Math.abs(live.outputs.force1 - 120) < 1")
+    assert live(page, "live.history.newest(0)") == pytest.approx(0.6 * WIDE, abs=5e-4)
+    until(page, "live.history.last(2, 2048)?.every(v => Math.abs(v - 120) < 1)")  # the curve ends level
+    curve = page.until("looks.curve('force1', 120).then(c => c.blue.length && c)")
+    assert max(abs(row - curve["at"]) for row in curve["blue"]) <= 2
+    page.until("document.querySelector('#outputs output').textContent.startsWith('120')")
+    release(page)
+    assert page.complaints() == []
+
+
+def test_a_slider_changes_the_force_and_a_reset_brings_it_back(page):
+    press(page, 0.5, 0.5)
+    release(page, 0.5)
+    page.click("#params input[type=range]")
+    slid = page.js("+document.querySelector('#params input[type=range]').value")
+    assert slid != 2000
+    until(page, f"Math.abs(live.outputs.force1 - {slid} * {WIDE / 2}) < 1")
+    page.click("#params button")
+    until(page, f"Math.abs(live.outputs.force1 - 2000 * {WIDE / 2}) < 1")
+    choose(page, "#params input[type=number]", "1e9")  # beyond the range: its end
+    until(page, f"Math.abs(live.outputs.force1 - 5000 * {WIDE / 2}) < 1")
+    page.click("#params button")
+
+
+def test_two_fingers_a_pen_and_a_sine_drive_what_they_are_given(page):
+    choose(page, f"{SECOND} .numbers select", "1")
+    until(page, "live.state.sources.x2.finger === 1")
+    page.touch("Start", (*place(page, 0.25, 0.5), 0.5), (*place(page, 0.75, 0.5), 0.5))
+    until(page, "Math.abs(live.outputs.force1 - 50) < 1 && Math.abs(live.outputs.force2 - 150) < 1")
+    page.touch("End")
+    choose(page, f"{SECOND} select", "pressure")
+    choose(page, f"{SECOND} .numbers select", "0")
+    until(page, "live.state.sources.x2.from === 'pressure' && live.state.sources.x2.finger === 0")
+    press(page, 0.5, 0.5, "pen", 0.4)
+    until(page, "Math.abs(live.outputs.force2 - 0.4 * 200) < 1")
+    release(page, pointer="pen")
+    until(page, "Math.abs(live.outputs.force2) < 1")
+    choose(page, f"{SECOND} select", "sine")
+    choose(page, f"{SECOND} input[aria-label*=frequency]", "4")
+    until(page, "live.state.sources.x2.freq === 4 && live.history.last(1, 4000)?.reduce((a, b) => Math.max(a, b)) > 0.099")
+    choose(page, f"{SECOND} select", "u")
+
+
+def test_keys_move_the_finger_start_stop_and_record(page):
+    page.js("document.activeElement.blur()")
+    press(page, 0.5, 0.5)
+    release(page)
+    before = live(page, "live.field.fingers.get(0).u")
+    page.key("ArrowRight", 0.1)
+    right = live(page, "live.field.fingers.get(0)")
+    assert right["on"] == 1 and right["u"] > before + 0.005
+    page.key("ArrowLeft", 0.1)
+    until(page, f"live.field.fingers.get(0).u < {right['u']}")
+    page.key("Enter")
+    assert live(page, "live.field.fingers.get(0).on") == 0
+    page.key(" ")
+    until(page, "live.state.phase === 'idle'")
+    page.key("r")
+    until(page, "live.state.phase === 'running' && live.state.log !== null")
+    page.key(" ")
+    until(page, "live.state.phase === 'idle'")
+    assert page.js("document.querySelector('#log').textContent").startswith("Recorded in")
+    page.js("document.querySelector('#window').focus()")
+    page.key("r")  # typed into a choice: no recording
+    page.key("Tab")
+    assert page.js("getComputedStyle(document.activeElement).outlineStyle") == "solid"  # the focus is seen
+    assert live(page, "live.state.phase") == "idle"
+    page.js("document.activeElement.blur()")
+
+
+def test_what_is_heard_is_what_was_made(page):
+    choose(page, "#heard", "2")
+    assert "20 Hz" in page.js("document.querySelector('#left-out').textContent")
+    page.click("#record")
+    until(page, "live.state.phase === 'running' && live.state.log !== null")
+    log = live(page, "live.state.log")
+    page.click("#sound")
+    until(page, "live.sound.node && live.sound.context.state === 'running'")
+    page.js("looks.listen()")
+    high = 1 / np.sqrt(1 + (20 / 158) ** 2)  # the worklet's pole at 20 Hz
+    want = high * 0.5 / np.sqrt(2)  # 1 V of 2 V
+    heard = page.until(f"Math.abs(looks.rms() / {want} - 1) < 0.02 && looks.rms()")  # once whole, whatever else the machine does
+    page.click("#sound")
+    page.click("#record")
+    until(page, "live.state.phase === 'idle'")
+    again = np.concatenate([y for _, y, given in delivered(read_log(log), 8192) if given])[1000:-1000, 2]  # without the fades
+    assert heard == pytest.approx(high * np.sqrt(np.mean(again**2)), rel=0.03)
+    assert heard > 0.3
+
+
+def test_level_and_clip_light(page):
+    choose(page, "#heard", "2")
+    page.until("document.querySelector('#level').textContent === '−6 dB'")  # 1 V of 2 V, whether or not it is heard
+    assert page.js("document.querySelector('#clip').textContent") == "no clip"
+    press(page, 1.0, 0.5)
+    choose(page, "#sources input[aria-label*=' to']", "0.5")  # 1000 N of 500
+    page.until("document.querySelector('#clip').textContent === 'clip'")
+    choose(page, "#sources input[aria-label*=' to']", "0.1")
+    release(page)
+
+
+def test_a_reloaded_page_begins_anew_and_a_second_one_watches(page, site):
+    page.reload()
+    until(page, "live.state?.role === 'control' && live.state.phase === 'idle'")
+    page.js(LOOKS)
+    page.js("document.querySelector('#run').click()")
+    until(page, "live.blocks > 5")
+    other = site.open()
+    try:
+        until(other, "live.state?.role === 'watch' && live.blocks > 5")
+        assert other.js("document.querySelector('#run').disabled && document.querySelector('#params input').disabled")
+        third = site.open()
+        third.until("document.querySelector('#state').textContent.startsWith('Refused: 2 pages')")
+        third.close()
+        other.click("#control")
+        until(other, "live.state.role === 'control'")
+        press(other, 0.3, 0.5)
+        until(page, "live.state.role === 'watch' && Math.abs(live.outputs.force1 - 60) < 1")  # the other's finger is seen here
+        page.js("document.querySelector('#control').click()")
+        until(page, "live.state.role === 'control'")
+    finally:
+        other.close()
+
+
+NAMED = {"button", "slider", "combobox", "spinbutton", "checkbox", "image", "img", "meter", "application", "toolbar"}
+
+
+def test_every_control_has_a_name(page):
+    page.call("Accessibility.enable")
+    nodes = [n for n in page.call("Accessibility.getFullAXTree")["nodes"] if not n.get("ignored")]
+    page.call("Accessibility.disable")
+    assert {"button", "slider", "combobox", "spinbutton", "meter", "application"} <= {n["role"]["value"] for n in nodes}
+    assert [n for n in nodes if n["role"]["value"] in NAMED and not n.get("name", {}).get("value")] == []
+
+
+def test_text_has_contrast_in_both_themes(page):
+    seen = []
+    for theme in ("light", "dark"):
+        page.media(prefers_color_scheme=theme)
+        ratio, element = page.js("looks.contrast()")
+        assert ratio >= 4.5, (theme, element)
+        painted = page.js("looks.painted()")  # on canvases
+        assert painted["text"] >= 4.5 and painted["curves"] >= 3
+        seen.append(page.js("getComputedStyle(document.body).backgroundColor"))
+    choose(page, "#theme", "light")  # goes before what the system says
+    assert seen[0] != seen[1] and page.js("getComputedStyle(document.body).backgroundColor") == seen[0]
+    page.media(prefers_color_scheme="light")
+    choose(page, "#theme", "auto")
+
+
+@pytest.mark.parametrize("wide", [320, 390])
+def test_a_phone_needs_no_sideways_scrolling(page, wide):
+    page.size(wide, 700)
+    try:
+        assert page.js("document.documentElement.scrollWidth") <= wide
+        assert page.js(f"looks.inside({wide})")
+    finally:
+        page.size(1240, 900)
+
+
+def test_who_wants_less_motion_sees_few_pictures(page):
+    page.media(prefers_reduced_motion="reduce")
+    before, begun = live(page, "live.pictures"), time.monotonic()
+    time.sleep(0.6)
+    assert live(page, "live.pictures") - before <= 1 + (time.monotonic() - begun) / 0.25
+    page.media(prefers_reduced_motion="no-preference")
+
+
+# What is computed on the page, against Python -------------------------------------------------------------------------
+def test_heights_are_those_of_the_pictures(first):
+    avatars = [(0.0312, 0.0498, 0.0123), (0.043, 0.052, 0.0071), (0.1195, 0.0302, 0.004), (0.02, 0.09, 0.0006)]
+    given = [{"x": x, "y": y, "depth": d} for x, y, d in avatars]
+    h = first.js(f"import('./surface.js').then(m => [...m.heights({given}, 0.12, 0.12, 0.005).h])")
+    want = surface(avatars, 0.12, 0.12).ravel()
+    assert np.sum(want < 0) > 50
+    np.testing.assert_allclose(h, want, atol=1e-12)
+
+
+def test_the_camera_and_its_inverse_and_shades(first):
+    out = first.js("""import('./surface.js').then(m => {
+        const c = m.camera(0.12, 0.1, 10, 20, 800, 300), [px, py] = c.to(0.03, 0.07, 0);
+        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0), ...[0, 1, -1].map(s => m.shade(s, 0))]; })""")
+    assert out[0] == pytest.approx([0.03, 0.07], abs=1e-12)
+    (left, low, near), (right, *_), (far_left, top, far) = out[1:4]
+    assert 10 - 1e-9 <= left < far_left and right <= 810 + 1e-9
+    assert (top, low) == pytest.approx((20, 320))
+    away, tilt = 4.563 * np.sqrt(0.12**2 + 0.1**2 + 0.026**2), 0.05 * np.sqrt(0.5)
+    assert far / near == pytest.approx((away - tilt) / (away + tilt))
+    lit = [0.25 + 0.75 * max(0.0, -0.5 * -s + 0.7071) / np.sqrt(s * s + 1) / 0.7071 for s in (0, 1, -1)]
+    assert out[4:] == pytest.approx([min(1.0, v) for v in lit])
+
+
+def test_the_spectrum_is_welch(first):
+    x = np.random.default_rng(1).normal(size=512) + 3
+    got = first.js(f"import('./spectrum.js').then(m => [...m.density({x.tolist()}, 8000)])")
+    np.testing.assert_allclose(got, welch(x, 8000, "hann", 512, detrend="constant")[1], rtol=1e-9, atol=1e-15)
+
+
+def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(first):
+    out = first.js("""import('./plots.js').then(m => {
+        const h = new m.History(8, [1, 10]);
+        h.push(0, 3, [1, 2, 3, 4, 5, 6]);
+        h.push(5, 2, [7, 8, 9, 10]);
+        const rings = h.rings.map(r => [...r].map(v => Number.isNaN(v) ? null : v));
+        const before = [h.newest(1), [...h.last(0, 2)], h.last(0, 3)];
+        h.push(0, 1, [5, 6]);
+        return [rings, ...before, h.last(0, 1)[0], h.end]; })""")
+    assert out[0] == [[1, 2, 3, None, None, 7, 8, None], [40, 50, 60, None, None, 90, 100, None]]
+    assert out[1:] == [100, [7, 8], None, 5, 1]
+
+
+def test_numbers_and_units_as_people_write_them(first):
+    out = first.js("""import('./scales.js').then(m => [
+        m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),
+        m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])""")
+    assert out[:4] == [6, "−0.05", "N·s/m²", "Hz"]
+    assert out[4:] == [{"factor": 1e3, "unit": "mm"}, {"factor": 1, "unit": "N"}, "1235", "0.0123", pytest.approx(0.15)]
+
+
+def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_pointer_is(page, site):
+    """Last, since the scene is another afterwards."""
+    site.server.close()
+    page.until("document.querySelector('#state').textContent.startsWith('Connection lost')")
+    assert page.js("document.querySelector('#run').disabled")
+    site.serve(Stream(soft_surface("deformation"), FS, title="Soft", folder=site.folder))
+    page.until(f"document.title === 'Soft' && {READY}")
+    page.js("document.querySelector('#run').click()")
+    page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")
+    left, top, wide, high = page.box("#field")
+    px, py = round(0.4 * wide), round(0.6 * high)
+    x, y = until(page, f"live.field.cam?.from({px}, {py})")
+    for kind in ("Pressed", "Moved"):
+        page.mouse(kind, left + px, top + py, "pen", 0.9)
+    until(page, f"Math.hypot(live.outputs.x1 - {x}, live.outputs.y1 - {y}) < 1e-3 && live.outputs.depth1 > 0.005")
+    until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
+    page.mouse("Released", left + px, top + py, "pen")
+
+
+@pytest.mark.stress
+def test_ten_minutes_without_growth(site):
+    """The page and this process, which has the server, once everything has been used for a minute."""
+    page, sizes = site.open(), []
+    page.until(READY)
+    page.js("document.querySelector('#run').click(); document.querySelector('#sound').click()")
+    for minute in range(11):
+        begun = time.monotonic()
+        while (t := time.monotonic() - begun) < 60:
+            press(page, 0.5 - 0.4 * np.cos(t), 0.5, "pen", 0.6)
+        page.call("HeapProfiler.collectGarbage")
+        heap = page.call("Runtime.getHeapUsage")["usedSize"] / 2**20
+        own = int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+        sizes.append((heap, own))
+        assert minute == 0 or heap < sizes[0][0] + 2 and own < sizes[0][1] + 10, sizes  # MiB
+    page.close()
