@@ -36,6 +36,8 @@ def test_what_is_measured_is_found_within_what_is_said():
     scatter, told = np.std(seen, axis=0)[:2], np.mean(seen, axis=0)[2:]
     np.testing.assert_allclose(scatter / told, 1.0, atol=0.4)
     assert np.ptp(r.freq_interval) == pytest.approx(2 * 1.97 * r.freq_sd, rel=0.01)
+    lines = 2 * 4 * F0 / (2 * Q) * u.size / FS  # four half widths on each side, two numbers each; two of pole, ten of one point
+    assert r.dof == pytest.approx(2 * lines - 12, abs=4)
 
 
 def test_many_points_give_a_shape_and_a_better_frequency():
@@ -57,6 +59,10 @@ def test_a_delay_between_the_recordings_changes_no_frequency():
         late = identify(u, np.roll(y, samples), FS)
         assert late.freq == pytest.approx(F0, rel=1e-6) and late.q == pytest.approx(Q, rel=1e-5)
     assert late.delay == pytest.approx(40 / FS, abs=2e-3) and late.gain[0] == pytest.approx(0.98, abs=0.12)
+    assert identify(np.roll(u, 40), y, FS).delay == pytest.approx(-40 / FS, abs=2e-3)  # the drive's way is the longer one
+    noise = np.std(y) / 30 * np.random.default_rng(0).standard_normal(y.size)
+    noisy = identify(u, np.roll(y, 40) + noise, FS)  # the delay is seen through 3 % of noise: not seen, q is 11.6
+    assert noisy.delay > 0.01 and noisy.q == pytest.approx(Q, abs=4 * noisy.q_sd)
     with pytest.raises(RecordingError, match="point 1 answers out of phase"):
         identify(u, np.array([y, 0.9 * np.roll(y, 2)]), FS)
 
