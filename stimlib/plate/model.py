@@ -26,6 +26,8 @@ class Plate:
 
     D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure,  D = E h^3/(12 (1 - nu^2)).
 
+    What is found is kept, so asking again is free; several threads may ask one plate at once.
+
     Parameters
     ----------
     length, width, thickness : float
@@ -207,7 +209,8 @@ class Plate:
         if not isinstance(n, (int, np.integer)) or not 0 < n <= most:
             raise BadValue(f"Plate: {n} modes of {self.axes[0].terms} terms; ask for 1 to {most}, or raise terms")
         size = max(n, min(AT_ONCE, most))
-        if size not in self._solved:
+        found = self._solved.get(size)
+        if found is None:
             K, M = self._system()
             half = 1 / math.sqrt(M[0, 0])  # a bare plate's M is this number, twice, times 1
             if self.patches:
@@ -221,9 +224,9 @@ class Plate:
                     "stiffer edges"
                 )
             v *= np.sign(v[np.abs(v).argmax(axis=0), np.arange(size)])
-            self._solved[size] = w2, v.T.reshape(size, self.axes[0].terms, self.axes[1].terms)
-        w2, c = self._solved[size]
-        return w2[:n], c[:n]
+            v.flags.writeable = w2.flags.writeable = False  # all who ask later share them
+            found = self._solved[size] = w2, v.T.reshape(size, self.axes[0].terms, self.axes[1].terms)
+        return found[0][:n], found[1][:n]
 
     @property
     def voltages(self) -> tuple[float, float]:

@@ -1,5 +1,7 @@
 """The plate against closed forms, finite elements, and the thesis' tables."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -134,6 +136,28 @@ def test_gradients_are_those_of_differences():
         h = 1e-4 * abs(value)
         two = [replace(model, **{name: value + s * h}).modes(3) for s in (1, -1)]
         np.testing.assert_allclose(steep[name], (two[0] - two[1]) / (2 * h), rtol=1e-5)
+
+
+def test_a_plate_answers_several_threads_at_once_with_the_same_bits():
+    def ask(plate, wait=lambda: 0):
+        wait()
+        return np.r_[plate.modes(6), plate.shape(2, [0.05, 0.1], 0.07), plate.forces(6)]
+
+    class Replaced(dict):
+        """A memo that another thread's empty one has taken the place of."""
+
+        def __setitem__(self, key, value):
+            pass
+
+    plate = replace(Plate.paper(measured=True), terms=8)
+    alone, start = ask(replace(plate)), threading.Barrier(4)
+    with ThreadPoolExecutor(4) as threads:
+        for answer in [threads.submit(ask, plate, start.wait) for _ in range(4)]:
+            np.testing.assert_array_equal(answer.result(), alone)
+    vars(plate)["_solved"] = Replaced()
+    np.testing.assert_array_equal(ask(plate), alone)
+    with pytest.raises(ValueError, match="read-only"):
+        plate.solved(3)[1][0] = 0.0
 
 
 @pytest.mark.parametrize(
