@@ -448,6 +448,9 @@ def amplifier(x, gain: float = 50.0, lowest: float = -100.0, highest: float = 40
     signal = with_unit(x, "V")
     if signal.dim != unit("V"):
         raise UnitError(f"amplifier: {signal!r} [{signal.dim}] must be in V")
-    if not (lowest < highest and gain != 0):
-        raise BadValue(f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, and gain not 0")
+    if not (-math.inf < lowest < highest < math.inf and gain != 0):
+        raise BadValue(
+            f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, both be numbers, and gain not 0; what the "
+            "patches of a plate take is told by Patch(lowest=, highest=)"
+        )
     return clip(gain * signal, with_unit(lowest, "V"), with_unit(highest, "V"))

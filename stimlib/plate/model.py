@@ -17,6 +17,8 @@ from .ritz import HELD, Axis, bending
 TERMS = 12  # functions of each axis
 AT_ONCE = 16  # modes that are found together
 TERMS_PATCHED = 22  # the steps of stiffness at patches want more
+LONGEST = 10.0  # m; a larger plate was measured in mm
+SOFTEST = 1e5  # Pa; a softer one was measured in GPa
 PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 
 
@@ -94,6 +96,11 @@ class Plate:
                 raise BadValue(f"Plate: {name} = {v!r} must be a number above 0")
         if not isinstance(self.nu, (int, float)) or not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
+        if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
+            raise BadValue(
+                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is no plate that a finger touches: sizes are in "
+                "m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
+            )
         if self.thickness > 0.1 * min(self.length, self.width):
             raise BadValue(
                 f"Plate: {self.thickness:g} m is no thin plate of {self.length:g} x {self.width:g} m: Kirchhoff's theory holds "
@@ -207,7 +214,9 @@ class Plate:
 
         most = self.axes[0].terms ** 2 // 4
         if not isinstance(n, (int, np.integer)) or not 0 < n <= most:
-            raise BadValue(f"Plate: {n} modes of {self.axes[0].terms} terms; ask for 1 to {most}, or raise terms")
+            raise BadValue(
+                f"Plate: {n!r} modes of {self.axes[0].terms} terms; ask for 1 to {most}, the lowest is number 0, or raise terms"
+            )
         size = max(n, min(AT_ONCE, most))
         found = self._solved.get(size)
         if found is None:
@@ -288,12 +297,12 @@ class Plate:
             total += factor * p.moment(self) * along
         return np.einsum("kij,ij->k", self.solved(n)[1], total)
 
-    def frf(self, drive, at, f, modes: int = 12) -> np.ndarray:
+    def frf(self, drive, at, f, modes: int = 12, weights: Sequence[float] | None = None) -> np.ndarray:
         """Displacement for a drive, over frequency: sum of phi(at) F/(w_k^2 - w^2 + i w w_k damping).
 
         Parameters
         ----------
-        drive : (x, y), or "patches", or one factor for each patch
+        drive : (x, y), or "patches"
             A point that a force of 1 N pushes at, or 1 V on the patches.
         at : (x, y)
             Where it is measured, in m.
@@ -301,6 +310,8 @@ class Plate:
             Frequencies in Hz.
         modes : int
             How many are summed.
+        weights : sequence of float, optional
+            A factor of the voltage for each patch.
 
         Returns
         -------
@@ -321,13 +332,13 @@ class Plate:
         0.78
         """
         n = min(modes, self.axes[0].terms ** 2 // 4)
-        if isinstance(drive, str) and drive != "patches":
-            raise BadValue(f"Plate.frf: drive = {drive!r}; say 'patches', a factor for each patch, or a point (x, y)")
-        if isinstance(drive, str) or len(drive) != 2:
-            force = self.forces(n, None if isinstance(drive, str) else drive)
+        if isinstance(drive, str) and drive == "patches":
+            force = self.forces(n, weights)
+        elif weights is None:
+            force = np.array([self.shape(k, *_place(drive, "drive", ", or 'patches'")) for k in range(n)])
         else:
-            force = np.array([self.shape(k, *drive) for k in range(n)])
-        gain = force * np.array([self.shape(k, *at) for k in range(n)])
+            raise BadValue(f"Plate.frf: weights are of the patches, and drive = {drive!r:.60}; say drive='patches'")
+        gain = force * np.array([self.shape(k, *_place(at, "at")) for k in range(n)])
         w, wk = 2 * math.pi * np.asarray(f, float)[..., None], np.sqrt(self.solved(n)[0])
         return np.sum(gain / (wk**2 - w**2 + 1j * w * wk * self.damping), axis=-1)
 
@@ -336,7 +347,7 @@ class Plate:
 
         With patches it is driven by them, else at that place.
         """
-        at = (self.length / 2, self.width / 2) if at is None else at
+        at = (self.length / 2, self.width / 2) if at is None else _place(at, "at")
         f = self.modes(6)
         drive = "patches" if self.patches else at
         return float(f[np.argmax([abs(self.frf(drive, at, v)) for v in f])])
@@ -388,6 +399,14 @@ class Plate:
             return jnp.sqrt(jnp.linalg.eigvalsh(half @ K @ half.T)[:n]) / (2 * math.pi)
 
         return f
+
+
+def _place(at, name: str, more: str = "") -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in at)
+    except (TypeError, ValueError):
+        raise BadValue(f"Plate: {name} = {at!r:.60} must be a place (x, y) in m from the plate's corner{more}") from None
+    return x, y
 
 
 def check_places(plate: Plate) -> None:

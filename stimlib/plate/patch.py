@@ -10,6 +10,8 @@ import numpy as np
 
 from ..errors import BadValue
 
+STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
+
 
 class Host(Protocol):
     """What a patch is glued on: a ``Plate``."""
@@ -97,10 +99,16 @@ class Patch:
     def __post_init__(self):
         for f in fields(self):
             v = getattr(self, f.name)
-            if not isinstance(v, (int, float)) or math.isnan(v):
+            free = f.name in ("lowest", "highest")  # which may be without bound
+            if not isinstance(v, (int, float)) or not (math.isfinite(v) or (free and not math.isnan(v))):
                 raise BadValue(f"Patch: {f.name} = {v!r} must be a number")
             if f.name in ("length", "width", "thickness", "E", "cover_E") and not 0 < v < math.inf:
                 raise BadValue(f"Patch: {f.name} = {v!r} must be above 0")
+        if abs(self.d31) > STRONGEST or self.thickness > min(self.length, self.width):
+            raise BadValue(
+                f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g} x {self.width:g} m make no "
+                "sheet of ceramic: -180 pm/V is -180e-12, and sizes are in m"
+            )
         if self.side not in (1, -1):
             raise BadValue(f"Patch: side = {self.side!r}; 1 is the upper side, -1 the lower")
         if not (0 <= self.margin < min(self.length, self.width) / 2 and self.cover >= 0 and self.mass >= 0):

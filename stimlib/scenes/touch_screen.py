@@ -16,7 +16,7 @@ from ..core.graph import Input, Param, check_arguments, constant
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..plate.model import Plate
-from ..plate.profile import mode_fit
+from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
 
 KNOTS = np.linspace(0.0, 1.0, 5)
@@ -59,7 +59,7 @@ def touch_screen(
         Of the carrier.  The thesis takes "half"; what it holds besides the carrier, at 0 Hz and at twice the frequency, the swap
         would raise ``swap`` times.
     model : Plate, optional
-        With patches; default ``Plate.paper(measured=True)``.
+        With patches, which say the voltages that they take; default ``Plate.paper(measured=True)``.
 
     Returns
     -------
@@ -69,7 +69,8 @@ def touch_screen(
     Raises
     ------
     BadValue
-        Numbers that make no sense; an explored length that reaches to the plate's edges.
+        Numbers that make no sense; an explored length that reaches to the plate's edges; a plate without patches, or
+        whose patches move another mode more than the lowest.
 
     References
     ----------
@@ -89,8 +90,7 @@ def touch_screen(
         raise BadValue(f"touch_screen: model = {model!r:.200} must be a Plate, such as Plate.paper()")
     glass = model or Plate.paper(measured=True)
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
-    if origin < 0:
-        raise BadValue(f"touch_screen: length = {length:g} m is more than the plate's {glass.length:g} m")
+    _check_model(glass, length, resonance)
     profile = length * KNOTS, np.abs(glass.shape(0, origin + length * KNOTS, y))
     x, A = Input("x", "m"), Param("A", amplitude, "V")
     V = A * bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), contact=nonzero(A))
@@ -100,3 +100,20 @@ def touch_screen(
     load = Finger(1e-4, 1.0, 500.0) if finger else None
     under = plate(x + constant(origin, "m"), constant(y, "m"), V, glass, modes, finger=load)
     return Scene({"voltage": V, "displacement": under}, law="touch_screen")
+
+
+def _check_model(glass: Plate, length: float, resonance: float) -> None:
+    if not glass.patches:
+        raise BadValue("touch_screen: model has no patches to drive; give it some, Plate(.., patches=[Patch(..)])")
+    most = glass.length - 2 * SHIFT
+    if length > most:
+        raise BadValue(
+            f"touch_screen: length = {length:g} m reaches to the edges of the plate's {glass.length:g} m; explore at most "
+            f"{most:g} m"
+        )
+    lowest = glass.modes(1)[0]
+    if resonance != lowest:
+        raise BadValue(
+            f"touch_screen: these patches move the middle most at {resonance:.1f} Hz, and this scene is of the lowest mode, "
+            f"{lowest:.1f} Hz; place them by best_patches"
+        )

@@ -105,6 +105,8 @@ def test_a_patch_is_a_moment_along_its_edges():
     for sign, y in ((-1, y0), (1, y1)):
         total += sign * (plate.shape(0, xs, y + h) - plate.shape(0, xs, y - h)) / (2 * h) @ w * (x1 - x0) / 2
     assert plate.forces(1)[0] == pytest.approx(patch.moment(plate) * total, rel=1e-5)
+    once, twice = (plate.frf("patches", (0.1, 0.07), 150.0, weights=w) for w in (None, [-2.0]))
+    assert twice == pytest.approx(-2 * once, rel=1e-12)
     # a thin sheet without covers: e31 times half of both thicknesses, less what its own stiffness moves the neutral plane
     sheet = Patch(0.1, 0.07, 0.02, 0.02, -180e-12, 1e-6)
     assert sheet.moment(plate) == pytest.approx(180e-12 * 62e9 / 0.66 * 0.7e-3, rel=3e-3)
@@ -165,6 +167,8 @@ def test_a_plate_answers_several_threads_at_once_with_the_same_bits():
     [
         ({"length": -1.0}, "length = -1.0 must be a number above 0"),
         ({"thickness": 0.05}, "no thin plate"),
+        ({"length": 206.0, "width": 147.0, "thickness": 1.4}, "0.15 for 150 mm"),
+        ({"E": 70.0}, "70e9 for glass"),
         ({"nu": 0.6}, "nu = 0.6"),
         ({"edges": "CFXF"}, "four letters"),
         ({"edges": "SFFF"}, "move as a whole"),
@@ -190,9 +194,16 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: best_patches(plate, gap=-1e-3), "gap"),
         (lambda: plate.shape(0, 0.3, 0.1), "beside the plate"),
         (lambda: plate.forces(2), "no patches"),
+        (lambda: plate.carrier(0.1), "at = 0.1 must be a place"),
+        (lambda: plate.frf((0.1, 0.07), (0.1, 0.07, 0.0), 1.0), "at = .* must be a place"),
+        (lambda: plate.frf("patch", (0.1, 0.07), 1.0), "or 'patches'"),
+        (lambda: plate.frf((0.1, 0.07), (0.1, 0.07), 1.0, weights=[1.0]), "say drive='patches'"),
         (lambda: Plate.paper("both"), "all, long, short"),
         (lambda: plate.frequencies()({"clamp_stiffness": 1.0}), "needs a plate that has one"),
         (lambda: Patch(0.1, 0.1, 0.0, 0.01, -1e-10, 1e-4), "length = 0.0"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -180, 1e-4), "-180e-12"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 0.2), "sizes are in m"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -np.inf, 1e-4), "d31 = -inf must be a number"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, side=0), "upper side"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, cover_nu=-1.1), "Poisson"),

@@ -178,6 +178,7 @@ def test_drives_that_make_no_sense_are_told():
         (lambda: pole_swap(V, 158.0, 10.0, 4.0, v_max=-1.0), BadValue, "v_max"),
         (lambda: amplifier(X), UnitError, "must be in V"),
         (lambda: amplifier(V, lowest=5.0, highest=1.0), BadValue, "must be below"),
+        (lambda: amplifier(V, 50.0, *Plate.paper().voltages), BadValue, r"Patch\(lowest=, highest=\)"),
         (lambda: plate(X, Y, X, GLASS), UnitError, "must be in V"),
         (lambda: plate(V, Y, V, GLASS), UnitError, "must be in m"),
         (lambda: plate(X, Y, V, Plate.paper()), BadValue, "no patches"),

@@ -9,7 +9,7 @@ import stimlib
 from stimlib import Scene
 from stimlib.errors import BadValue
 from stimlib.motion.generators import constant_speed, minimum_jerk
-from stimlib.plate import Plate
+from stimlib.plate import Patch, Plate
 from stimlib.scenes import touch_screen
 
 GLASS = dc.replace(Plate.paper(measured=True), terms=10)
@@ -55,7 +55,9 @@ def test_a_scene_that_makes_no_sense_is_told():
         ({"length": 0.3}, "plate's"),
         ({"bumps": 0}, "above 0"),
         ({"swap": 30.0}, "below 2 q"),
-        ({"length": 0.2}, "edges"),
+        ({"length": 0.2}, "at most 0.166 m"),
+        ({"model": dc.replace(GLASS, patches=())}, "no patches"),
+        ({"model": dc.replace(GLASS, patches=[Patch.duraact(0.05, 0.0735)])}, "lowest mode"),
     ):
         with pytest.raises(BadValue, match=match):
-            touch_screen(model=GLASS, **more)
+            touch_screen(**{"model": GLASS} | more)
