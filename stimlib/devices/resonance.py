@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..blocks.sources import chirp
+from ..core import regular
 from ..core.graph import Input, constant
 from ..core.scene import Scene
 from ..errors import BadValue, RecordingError
-from ..plate.identify import Sweep, check_taken
+from ..motion.table import read_table
+from ..plate.identify import Sweep, check_taken, read_sweep
 from ..run.safety import Safety
 from .sources import Signal, Signals
 
@@ -54,6 +59,7 @@ def record_sweep(
     points: Any = None,
     ready: Ready | None = None,
     channels: Any = ("drive",),
+    keep: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Sweep:
     """Play a chirp through a sink, and record what a sensor answers; ``identify(*sweep)`` finds the resonance in it.
@@ -87,6 +93,9 @@ def record_sweep(
         why the last take of this point must be done again (three times at most); whatever it raises ends all.
     channels : int or sequence
         As for ``Sink.open``: ``[None, "drive"]`` plays on the second channel.
+    keep : path, optional
+        An npz file that has every point as soon as it is taken: ``t``, ``drive0``, ``response0``, ``drive1`` and so on, for
+        ``read_sweep``.  Points that it has are not asked for again, so a session that was ended goes on where it was.
     **options
         Of the sink, such as ``connect=["system:playback_1"]``.
 
@@ -100,9 +109,9 @@ def record_sweep(
     BadValue
         An amplitude above full scale, several points and nobody to ask, numbers that make no chirp.
     RecordingError
-        A take that is clipped or silent, or of which the device lost frames.
+        A take that is clipped or silent, or of which the device lost frames; a file to keep that is of another sweep.
     SinkError
-        As ``Sink.open``.
+        As ``Sink.open``; a file to keep that cannot be written.
 
     References
     ----------
@@ -131,6 +140,10 @@ def record_sweep(
         raise BadValue(f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep")
     if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
         raise BadValue(f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels = {channels!r} have the drive")
+    if not callable(sink):
+        raise BadValue(f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink itself")
+    if points is not None and np.ndim(points) == 0:
+        raise BadValue(f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05, 0.07), (0.1, 0.07)]")
     places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
         raise BadValue(f"record_sweep: {len(places)} points; give at least one, and ready=, which asks for each of several")
@@ -159,7 +172,13 @@ def record_sweep(
         check_taken(u[None], x[column("response")][None])
         return u, x[column("response")]
 
-    taken = [_asked(take, k, place, ready) for k, place in enumerate(places)]
+    taken = [] if keep is None else _kept(keep, rate)
+    if len(taken) > len(places):
+        raise RecordingError(f"record_sweep: {keep} has {len(taken)} points, and {len(places)} are wanted; keep= another file")
+    for k in range(len(taken), len(places)):
+        taken.append(_asked(take, k, places[k], ready))
+        if keep is not None:
+            _keep(keep, taken, rate)
     u, y = (np.array(rows) for rows in zip(*taken, strict=True))
     return Sweep(u, y, float(rate))
 
@@ -176,3 +195,31 @@ def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> 
             error = e
     assert error is not None
     raise error
+
+
+def _kept(file: str | os.PathLike[str], rate: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The points that a file has; where there is none, it is made now, so that a place that cannot be written loses no take."""
+    if not Path(file).exists():
+        _keep(file, [], rate)
+    count = len(read_table(file).names) // 2
+    if not count:
+        return []
+    sweep = read_sweep(file, [f"drive{k}" for k in range(count)], [f"response{k}" for k in range(count)])
+    if abs(sweep.fs / rate - 1) > 1e-6:
+        raise RecordingError(f"record_sweep: {file} was recorded at {sweep.fs:g} Hz, not {rate:g} Hz; keep= another file")
+    return list(zip(sweep.drive, sweep.response, strict=True))
+
+
+def _keep(file: str | os.PathLike[str], taken: list[tuple[np.ndarray, np.ndarray]], rate: float) -> None:
+    lengths = {len(u) for u, _ in taken}
+    if len(lengths) > 1:
+        raise RecordingError(
+            f"record_sweep: the points in {file} have {len(taken[0][0])} samples, and this one {len(taken[-1][0])}: sweep as "
+            "long as before, or keep= another file"
+        )
+    columns = {"t": np.arange(max(lengths, default=0)) / rate}
+    for k, (u, y) in enumerate(taken):
+        columns |= {f"drive{k}": u, f"response{k}": y}
+    data = io.BytesIO()
+    np.savez(data, **columns)
+    regular.publish(file, data.getvalue())

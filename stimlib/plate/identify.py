@@ -34,18 +34,20 @@ class Sweep(NamedTuple):
     fs: float
 
 
-def read_sweep(source, drive: str, response: Sequence[str], time: str = "t") -> Sweep:
+def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str], time: str = "t") -> Sweep:
     """A sweep from columns of a CSV or npz file, a DataFrame or a dict of arrays.
+
+    What is no such table needs no reading: ``identify`` takes arrays and a sample rate.
 
     Parameters
     ----------
     source : path or table
-    drive : str
-        Column of the voltage.
-    response : sequence of str
+    drive : str or sequence of str
+        Column of the voltage, or one for each point.
+    response : str or sequence of str
         Columns of what was measured, one for each point.
     time : str
-        Column of the time in s, in equal steps.
+        Column of the time in s (not ms), in equal steps.
 
     Raises
     ------
@@ -61,15 +63,20 @@ def read_sweep(source, drive: str, response: Sequence[str], time: str = "t") -> 
     (1000, (1, 3))
     """
     table = read_table(source)
-    names = [time, drive, *response]
+    many = not isinstance(drive, str)
+    drives, responses = ([v] if isinstance(v, str) else list(v) for v in (drive, response))
+    names = [time, *drives, *responses]
     for name in names:
         if name not in table.names:
-            raise table.error("the column is not there", f"choose of {', '.join(table.names)}", column=name)
+            remedy = f"{'name that of the time, time=: ' if name == time else ''}choose of {', '.join(table.names)}"
+            raise table.error("the column is not there", remedy, column=name)
     rows = np.concatenate([np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1)
     step = np.diff(rows[0])
     if step.size < 2 or not step.min() > 0 or np.ptp(step) > 0.01 * step.mean():
-        raise table.error("the times are not in equal steps", "record at one sample rate, without gaps", column=time)
-    return Sweep(rows[1], rows[2:], float(1 / step.mean()))
+        remedy = "record at one sample rate, without gaps; where they are only rounded, give identify the arrays and the rate"
+        raise table.error("the times are not in equal steps", remedy, column=time)
+    last = 1 + len(drives)
+    return Sweep(rows[1:last] if many else rows[1], rows[last:], float(1 / step.mean()))
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,12 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     (True, True, np.True_)
     """
     u, y = _signals(drive, response)
-    if not 0 < fs < math.inf or not (band is None or (len(band) == 2 and 0 <= band[0] < band[1])):
+    try:
+        low, high = (0.0, fs / 2) if band is None else band
+        sensible = 0 < fs < math.inf and 0 <= low < high
+    except (TypeError, ValueError):
+        sensible = False
+    if not sensible:
         raise BadValue(
             f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz, the lower one first"
         )
@@ -187,7 +199,6 @@ def identify(drive, response, fs: float, band: tuple[float, float] | None = None
     power = np.abs(U).max(axis=0) if len(U) > 1 else np.abs(U[0])
     strong = power > DRIVEN * power.max()
     strong[0] = False
-    low, high = (0.0, fs / 2) if band is None else band
     inside = strong & (f >= low) & (f <= high)
     even = inside & (power > EVEN * power.max())
     freq, half = _peak(f, U, Y, even)
@@ -246,6 +257,10 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
     if not u.size or u.ndim != 2 or y.ndim != 2 or u.shape[1] != y.shape[1] or len(u) not in (1, len(y)):
         raise BadValue(
             f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one drive or one for each"
+        )
+    if len(y) > y.shape[1]:
+        raise BadValue(
+            f"identify: {len(y)} points of {y.shape[1]} samples; a row is a point, so transpose them, drive.T, response.T"
         )
     return u, y
 
@@ -412,8 +427,10 @@ def drift(found: Sequence[Resonance], temperature) -> Drift:
     """
     try:
         T, f = np.asarray(temperature, float), np.array([r.freq for r in found])
-    except (TypeError, ValueError):
-        raise BadValue(f"drift: temperatures {temperature!r:.60} must be numbers") from None
+    except (TypeError, ValueError, AttributeError):
+        raise BadValue(
+            f"drift: temperatures {temperature!r:.60} must be numbers, and found a list of what identify gave"
+        ) from None
     w = 1 / np.maximum([r.freq_sd for r in found], 1e-9 * f) ** 2
     if T.shape != f.shape or f.size < 3 or not np.ptp(T) > 0:
         raise BadValue(f"drift: {f.size} sweeps at temperatures {T.tolist()!r:.60}; measure at least three, at two temperatures")

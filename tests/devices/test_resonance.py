@@ -12,8 +12,8 @@ from stimlib import Input, Scene
 from stimlib.devices.null import NullSink
 from stimlib.devices.resonance import record_sweep
 from stimlib.devices.sources import Signal
-from stimlib.errors import BadValue, RecordingError
-from stimlib.plate import Plate, identify, plate
+from stimlib.errors import BadValue, RecordingError, SinkError
+from stimlib.plate import Plate, identify, plate, read_sweep
 
 FS = 2000
 TOLD = {"rate": FS, "band": (60.0, 320.0), "seconds": 1.5, "rest": 0.5, "clocked": False}
@@ -62,11 +62,42 @@ def test_points_are_asked_for_and_a_take_that_failed_is_done_again(drive):
     np.testing.assert_allclose(found.shape / found.shape[1], [-0.5, 1.0, -0.25], atol=1e-4)
 
 
+def test_points_that_were_taken_are_kept_when_a_later_one_fails(drive, tmp_path):
+    asked, file = [], tmp_path / "plate.npz"
+
+    def ready(k, place, error):
+        asked.append(k)
+        if asked == [0, 1]:
+            raise KeyboardInterrupt
+
+    told = TOLD | {"points": [(0.05, 0.07), (0.1, 0.07)], "ready": ready, "keep": file}
+    with pytest.raises(KeyboardInterrupt):
+        record_sweep(NullSink, 10.0, answer(drive), **told)
+    sweep = record_sweep(NullSink, 10.0, 2 * answer(drive), **told)
+    assert asked == [0, 1, 1]
+    np.testing.assert_array_equal(sweep.response, [answer(drive), 2 * answer(drive)])
+    again, read = record_sweep(NullSink, 10.0, [], **told), read_sweep(file, ["drive0", "drive1"], ["response0", "response1"])
+    for name in ("drive", "response", "fs"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(sweep, name))
+        np.testing.assert_allclose(getattr(read, name), getattr(sweep, name), rtol=1e-12)
+    for more, match in (
+        ({"rate": 2500.0}, "at 2000 Hz, not 2500 Hz"),
+        ({"points": [0.1]}, "has 2 points, and 1 are"),
+        ({"seconds": 1.0, "points": [1, 2, 3]}, "have 4000 samples, and this one 3000"),
+    ):
+        with pytest.raises(RecordingError, match=match):
+            record_sweep(NullSink, 10.0, answer(drive), **(told | more))
+    with pytest.raises(SinkError, match="cannot write"):
+        record_sweep(NullSink, 10.0, answer(drive), **(told | {"keep": tmp_path / "missing" / "plate.npz"}))
+
+
 def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
     asked = []
     with pytest.raises(RecordingError, match="clipped"):
         record_sweep(NullSink, 10.0, np.minimum(answer(drive), 1e-6), ready=lambda k, p, e: asked.append(e), **TOLD)
     assert len(asked) == 3
+    with pytest.raises(BadValue, match="the class JackSink itself"):
+        record_sweep("jack", 10.0, answer(drive), **TOLD)
     with pytest.raises(RecordingError, match="response never changes"):
         record_sweep(NullSink, 10.0, np.zeros(4000), **TOLD)
     for more, match in (
@@ -74,6 +105,7 @@ def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
         ({"amplitude": float("nan")}, "amplitude = nan"),
         ({"points": np.zeros((2, 2))}, "2 points"),
         ({"points": []}, "0 points"),
+        ({"points": 3}, "a row for each point"),
         ({"rest": 0.0}, "rest"),
         ({"channels": [None]}, "have the drive"),
         ({"band": (60.0,)}, "two frequencies"),

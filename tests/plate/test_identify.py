@@ -73,6 +73,9 @@ def test_a_file_is_read(tmp_path):
     np.savez(tmp_path / "sweep.npz", t=t, volt=u, centre=y)
     got = read_sweep(tmp_path / "sweep.npz", "volt", ["centre"])
     assert identify(*got).freq == pytest.approx(F0, rel=1e-5)
+    assert read_sweep(tmp_path / "sweep.npz", "volt", "centre").response.shape == (1, u.size)
+    with pytest.raises(RecordingError, match="time=: choose of t, volt"):
+        read_sweep(tmp_path / "sweep.npz", "volt", ["centre"], time="seconds")
     with pytest.raises(RecordingError, match="t, volt, centre"):
         read_sweep(tmp_path / "sweep.npz", "volt", ["edge"])
     with pytest.raises(RecordingError, match="equal steps"):
@@ -106,7 +109,11 @@ def test_arguments_that_make_no_sense_are_told():
         (lambda: identify(u, 1j * y, FS), "rows of numbers"),
         (lambda: identify(u, y, 0.0), "fs = 0.0"),
         (lambda: identify(u, y, FS, band=(200, 100)), "the lower one first"),
+        (lambda: identify(u, y, "2000"), "fs = '2000'"),
+        (lambda: identify(u, y, FS, band=150), "band = 150 two frequencies"),
+        (lambda: identify(u[:, None], y[:, None], FS), "transpose them"),
         (lambda: drift([], []), "at least three"),
+        (lambda: drift([158.0] * 3, [1.0, 2.0, 3.0]), "what identify gave"),
         (lambda: drift([], ["warm"]), "must be numbers"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("clamp_stiffness",)), "cannot turn"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0, 1: 246.0}, ("E", "E")), "at most as many"),
