@@ -16,7 +16,7 @@ from ..core.maths import where
 from ..errors import BadValue
 from .impedance import with_unit
 from .maps import clip, maximum
-from .table import OUTSIDE, lut
+from .table import KINDS, OUTSIDE, lut
 
 HEADROOM = ("clip", "scale")
 
@@ -185,6 +185,10 @@ def equalize(
     if callable(kind):
         knots, d = points(kind(knots, d))
         kind = "cubic"
+    elif kind not in (None, *KINDS):
+        raise BadValue(
+            f"equalize: kind = {kind!r}; choose one of {', '.join(KINDS)}, or a function, such as stimlib.plate.mode_fit(model)"
+        )
     kind = kind or ("polynomial" if knots.size <= 6 else "cubic")
     x, y, contact = as_block(x), as_block(signal), as_block(contact)
     middle = Midpoint(x, contact)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from ..core.graph import check_arguments
 from ..errors import BadValue
 
 POINTS = 2048  # of a period
@@ -37,7 +39,7 @@ def half_sine(u: np.ndarray, duty: float = 0.5) -> np.ndarray:
     return np.where(u < duty, np.sin(np.pi * u / duty), 0.0)
 
 
-def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envelope=half_sine) -> Answer:
+def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine) -> Answer:
     """The envelope of a mode's vibration at its resonance, for bumps at a rate, with ``pole_swap`` of a gain or without.
 
     The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap pass each of them as they do.
@@ -51,7 +53,7 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     gain : float
         Of the pole swap, from 1 (none) to below 2 q.
     envelope : function
-        Of the place within a period, 0 <= u < 1, an array.
+        Of the place within a period, 0 <= u < 1, an array: ``lambda u: u < 0.5`` is the square.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     Raises
     ------
     BadValue
-        Numbers not above 0; a gain outside its range; an envelope that is constant.
+        Numbers not above 0; a gain outside its range; an envelope that is no function of an array, or constant.
 
     Examples
     --------
@@ -71,11 +73,17 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     1 0.4 1.0
     4 0.87 2.0
     """
+    check_arguments(envelope_behind, locals())
     if not (0 < freq < math.inf and 0.5 < q < math.inf and 0 < rate < math.inf):
         raise BadValue(f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r} above 0.5")
     if not 1 <= gain < 2 * q:
         raise BadValue(f"envelope_behind: gain = {gain!r} must be from 1 to below 2 q = {2 * q:g}")
-    wanted = np.asarray(envelope(np.arange(POINTS) / POINTS), float)
+    try:
+        wanted = np.array(np.broadcast_to(envelope(np.arange(POINTS) / POINTS), POINTS), float)
+    except (TypeError, ValueError) as e:
+        raise BadValue(
+            f"envelope_behind: envelope = {envelope!r:.60} must be a function of an array of places, such as lambda u: u < 0.5"
+        ) from e
     if not np.ptp(wanted) > 0:
         raise BadValue("envelope_behind: an envelope that is constant has no depth")
     lines = np.fft.fftfreq(POINTS, 1 / POINTS)
@@ -99,7 +107,7 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     )
 
 
-def best_gain(freq: float, q: float, rate: float, drive: float, envelope=half_sine) -> float:
+def best_gain(freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine) -> float:
     """The largest gain of a pole swap whose voltage stays within ``drive`` times that without it.
 
     Raises
@@ -113,6 +121,7 @@ def best_gain(freq: float, q: float, rate: float, drive: float, envelope=half_si
     >>> round(best_gain(158.0, 10.0, rate=20.0, drive=2.0), 1)
     3.8
     """
+    check_arguments(best_gain, locals())
     if not drive >= 1:
         raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
     low, high = 1.0, math.nextafter(2 * q, 0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue
-from .model import Plate
+from .model import Plate, check_plate
 
 NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
@@ -44,7 +44,7 @@ def fit_frame(
     Raises
     ------
     BadValue
-        More numbers than measurements, unknown numbers, frequencies not above 0.
+        More numbers than measurements, unknown numbers, frequencies not above 0 or not by mode, or such that no plate has.
 
     Examples
     --------
@@ -59,6 +59,9 @@ def fit_frame(
     import jax
     from scipy.optimize import least_squares
 
+    check_plate("fit_frame", model)
+    if not isinstance(measured, Mapping) or not all(isinstance(k, (int, np.integer)) for k in measured):
+        raise BadValue(f"fit_frame: measured = {measured!r:.80} must be frequencies by mode, such as {{0: 158.0, 1: 246.0}}")
     unknown = set(vary) - set(NUMBERS)
     if unknown or len(set(vary)) < len(vary) or not 0 < len(vary) <= len(measured):
         raise BadValue(
@@ -73,6 +76,7 @@ def fit_frame(
     if not (want > 0).all() or order[0] < 0:
         raise BadValue("fit_frame: frequencies must be above 0, by the number of their mode, 0 the lowest")
     at = np.array(order)
+    model.solved(order[-1] + 1)  # tells of a mode that is not there
     modes = model.frequencies(order[-1] + 1)
 
     def numbers(v):
@@ -88,6 +92,9 @@ def fit_frame(
         value = jax.jit(residual)
         found = least_squares(lambda v: np.asarray(value(v)), np.zeros(len(vary)), lambda v: np.asarray(steep(v)), xtol=1e-12)
         made: dict[str, Any] = {n: float(v) for n, v in numbers(found.x).items()}
-    plate = replace(model, **made)
-    freq = plate.modes(order[-1] + 1)[at]
+    try:
+        plate = replace(model, **made)
+        freq = plate.modes(order[-1] + 1)[at]
+    except BadValue as e:
+        raise BadValue(f"fit_frame: no such plate has modes {order} there ({e}); count them from 0, or start nearer") from None
     return FrameFit(plate, freq, freq / want - 1)

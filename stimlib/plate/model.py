@@ -285,7 +285,7 @@ class Plate:
     def forces(self, n: int, weights: Sequence[float] | None = None) -> np.ndarray:
         """Modal force of 1 V on all patches, in N/(V sqrt(kg)), shape (n,); ``weights`` give each patch a factor of its own."""
         if not self.patches:
-            raise BadValue("Plate: no patches to drive; give patches=, or drive a point, drive=(x, y)")
+            raise BadValue("Plate: no patches to drive; give patches=[Patch(..)], or to frf a point, drive=(x, y)")
         w = np.ones(len(self.patches)) if weights is None else np.asarray(weights, float)
         if w.shape != (len(self.patches),):
             raise BadValue(f"Plate: {w.size} weights for {len(self.patches)} patches")
@@ -407,6 +407,12 @@ def _place(at, name: str, more: str = "") -> tuple[float, float]:
     except (TypeError, ValueError):
         raise BadValue(f"Plate: {name} = {at!r:.60} must be a place (x, y) in m from the plate's corner{more}") from None
     return x, y
+
+
+def check_plate(who: str, model: Any) -> None:
+    """Raise BadValue unless it is a plate."""
+    if not isinstance(model, Plate):
+        raise BadValue(f"{who}: model = {model!r:.80} must be a Plate, such as Plate.paper()")
 
 
 def check_places(plate: Plate) -> None:

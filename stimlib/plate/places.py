@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import BadValue
-from .model import Plate
+from .model import Plate, check_plate
 from .patch import Patch
 
 
@@ -61,8 +61,11 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
     >>> round(1e3 * best.x, 1)  # mm from the clamped edge, 3 of them the gap
     9.5
     """
+    check_plate("best_patches", model)
+    patch = Patch.duraact(0.0, 0.0) if patch is None else patch
+    if not isinstance(patch, Patch):
+        raise BadValue(f"best_patches: patch = {patch!r:.80} must be a Patch, such as Patch.duraact(0.0, 0.0)")
     bare = replace(model, patches=())
-    patch = patch or Patch.duraact(0.0, 0.0)
     if not isinstance(points, int) or points < 2:
         raise BadValue(f"best_patches: points = {points!r} must be 2 or more")
     if not gap >= 0:

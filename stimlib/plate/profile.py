@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core.graph import check_arguments
 from ..errors import BadValue
-from .model import Plate
+from .model import Plate, check_plate
 
 KAPPAS = np.geomspace(2.0, 200.0, 9)
 FINE = 65  # places of the table
@@ -63,6 +64,8 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     >>> equalize(x, (knots, measured), signal=v, kind=mode_fit(plate, origin=0.053)).dim
     unit('V')
     """
+    check_plate("mode_fit, to be called as in kind=mode_fit(model)", model)
+    check_arguments(mode_fit, locals())
     y = model.width / 2 if y is None else y
     if clamp not in ("fit", "known"):
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")

@@ -16,7 +16,7 @@ from ..blocks.svf import svf
 from ..core.graph import Block, Const, constant
 from ..core.units import unit
 from ..errors import BadValue, UnitError
-from .model import Plate
+from .model import Plate, check_plate
 
 LOOKED_AT = 16  # modes among which the driven ones are found
 UNMOVED = 1e-6  # of the largest static answer
@@ -140,6 +140,9 @@ def plate(
     >>> (1e6 * abs(proc.response("under", "v", f))).round(2)  # um for each volt
     array([0.78])
     """
+    check_plate("plate", model)
+    if not isinstance(finger, Finger | None):
+        raise BadValue(f"plate: finger = {finger!r:.80} must be a Finger, such as Finger(1e-4, 1.0, 500.0), or None")
     V = with_unit(voltage, "V")
     if V.dim != unit("V"):
         raise UnitError(f"plate: voltage {V!r} [{V.dim}] must be in V")

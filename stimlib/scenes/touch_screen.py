@@ -15,7 +15,7 @@ from ..blocks.plates import amplifier, pole_swap
 from ..core.graph import Input, Param, check_arguments, constant
 from ..core.scene import Scene
 from ..errors import BadValue
-from ..plate.model import Plate
+from ..plate.model import Plate, check_plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
 
@@ -86,9 +86,8 @@ def touch_screen(
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
         if not value > 0:
             raise BadValue(f"touch_screen: {name} = {value!r} must be above 0")
-    if not isinstance(model, Plate | None):
-        raise BadValue(f"touch_screen: model = {model!r:.200} must be a Plate, such as Plate.paper()")
-    glass = model or Plate.paper(measured=True)
+    glass = Plate.paper(measured=True) if model is None else model
+    check_plate("touch_screen", glass)
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
     _check_model(glass, length, resonance)
     profile = length * KNOTS, np.abs(glass.shape(0, origin + length * KNOTS, y))

@@ -1,6 +1,7 @@
 """Resonances from sweeps that are known, with noise that is known; and sweeps that are none."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,6 +120,9 @@ def test_arguments_that_make_no_sense_are_told():
         (lambda: fit_frame(Plate.paper(), {0: 158.0, 1: 246.0}, ("E", "E")), "at most as many"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("E", "in_plane_load")), "at most as many"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("colour",)), "colour"),
+        (lambda: fit_frame(Plate.paper(), [158.0], ("E",)), "by mode, such as"),
+        (lambda: fit_frame(Plate.paper(), {40: 158.0}, ("E",)), "ask for 1 to 36"),
+        (lambda: fit_frame(replace(Plate.paper(), terms=4), {0: 1e-3}, ("E",)), "count them from 0"),
         (lambda: drift([Resonance(1.0, 1.0, 1.0, 1.0, u, u, u, 9)] * 2, [1.0, 2.0]), "2 sweeps"),
     ):
         with pytest.raises(BadValue, match=match):
