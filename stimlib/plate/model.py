@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -177,18 +178,20 @@ class Plate:
 
     @cached_property
     def matrices(self) -> dict[str, np.ndarray]:
-        """What stiffness and mass are made of: of D = 1, of a load of 1, of springs of 1 on the clamped edges, of the patches."""
+        """What stiffness and mass are made of: of D = 1, a load of 1, springs of 1 on the clamped edges, each patch's D = 1, and
+        the patches' mass.
+        """
         X, Y = self.axes
         px, py, one = X.products(), Y.products(), np.eye(X.terms)
         springs = np.zeros((X.terms**2,) * 2)
         for edge, (place, along_x) in zip(self.edges, ((0, 1), (0, 0), (self.length, 1), (self.width, 0)), strict=True):
             if edge == "C" and self.clamp_stiffness is not None:
                 springs += np.kron(X.turning(place), one) if along_x else np.kron(one, Y.turning(place))
-        stiff, mass = np.zeros_like(springs), np.zeros_like(springs)
-        for p in self.patches:
+        stiff, mass = np.zeros((len(self.patches), *springs.shape)), np.zeros_like(springs)
+        for k, p in enumerate(self.patches):
             x0, x1, y0, y1 = p.rectangle()
             mx, my = X.products(x0, x1), Y.products(y0, y1)
-            stiff += p.laminate(self)[1] * bending(mx, my, self.nu)
+            stiff[k] = bending(mx, my, self.nu)
             mass += p.mass / (p.length * p.width) * np.kron(mx[0], my[0])
         return {
             "bending": bending(px, py, self.nu),
@@ -200,7 +203,9 @@ class Plate:
 
     def _system(self) -> tuple[np.ndarray, np.ndarray]:
         m = self.matrices
-        K = self.stiffness * m["bending"] + self.in_plane_load * m["load"] + m["patches"]
+        K = self.stiffness * m["bending"] + self.in_plane_load * m["load"]
+        for p, one in zip(self.patches, m["patches"], strict=True):
+            K += p.laminate(self)[1] * one
         K = K + (self.clamp_stiffness or 0.0) * m["springs"]
         return K, self.rho * self.thickness * np.eye(len(K)) + m["mass"]
 
@@ -392,7 +397,11 @@ class Plate:
                     "clamps' stiffness needs a plate that has one"
                 )
             v = known | numbers
-            K = v["E"] * (self.stiffness / self.E) * m["bending"] + v["in_plane_load"] * m["load"] + m["patches"]
+            D = v["E"] * (self.stiffness / self.E)
+            K = D * m["bending"] + v["in_plane_load"] * m["load"]
+            host: Any = SimpleNamespace(E=v["E"], nu=self.nu, thickness=self.thickness, stiffness=D)
+            for p, one in zip(self.patches, m["patches"], strict=True):
+                K = K + p.laminate(host)[1] * one
             K = K + (0.0 if v["clamp_stiffness"] is None else v["clamp_stiffness"]) * m["springs"]
             half = jnp.linalg.cholesky(v["rho"] * self.thickness * jnp.eye(len(K)) + m["mass"])
             half = jnp.linalg.inv(half)

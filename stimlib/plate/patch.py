@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, fields
 from typing import Protocol
 
-import numpy as np
-
 from ..errors import BadValue
 
 STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
@@ -135,12 +133,12 @@ class Patch:
     def laminate(self, plate: Host) -> tuple[float, float]:
         """Distance of the ceramic from the neutral plane (m), and bending stiffness that it adds to the plate's (N m)."""
         biaxial = self.cover_E / (1 - self.cover_nu)
-        q = np.array([plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial])
-        d = np.array([plate.thickness, self.cover, self.thickness, self.cover])
-        z = np.cumsum(d) - d / 2
-        neutral = (q * d * z).sum() / (q * d).sum()
-        stiff = (q * (d**3 / 12 + d * (z - neutral) ** 2)).sum() / (q[0] * d[0] ** 3 / 12)
-        return float(z[2] - neutral), float(stiff - 1) * plate.stiffness
+        q = plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial
+        d = plate.thickness, self.cover, self.thickness, self.cover
+        z = [sum(d[:k]) + d[k] / 2 for k in range(4)]
+        neutral = sum(a * b * c for a, b, c in zip(q, d, z, strict=True)) / sum(a * b for a, b in zip(q, d, strict=True))
+        stiff = sum(a * (b**3 / 12 + b * (c - neutral) ** 2) for a, b, c in zip(q, d, z, strict=True)) / (q[0] * d[0] ** 3 / 12)
+        return z[2] - neutral, (stiff - 1) * plate.stiffness
 
     def moment(self, plate: Host) -> float:
         """Moment per length of edge and volt, in N m/(m V), that bends the plate's upper side hollow."""
