@@ -68,6 +68,14 @@ def test_a_delay_between_the_recordings_changes_no_frequency():
         identify(u, np.array([y, 0.9 * np.roll(y, 2)]), FS)
 
 
+def test_a_bias_of_the_drive_and_an_offset_and_drift_of_the_sensor_change_nothing():
+    u, y = sweep()
+    alone, biased = identify(u, y, FS), identify(u + 10, y + 10 * np.ptp(y), FS)
+    assert (biased.freq, biased.q) == pytest.approx((alone.freq, alone.q), rel=1e-9)
+    drifting = identify(u, y + np.ptp(y) * np.linspace(0, 1, y.size), FS)
+    assert drifting.freq == pytest.approx(F0, abs=4 * drifting.freq_sd)
+
+
 def test_a_file_is_read(tmp_path):
     u, y = sweep()
     t = np.arange(u.size) / FS
