@@ -47,10 +47,10 @@ def series(
     repeats: str | None,
 ) -> Reports:
     """The reports that the arguments of `recording` mean, checked."""
-    clock = _linear(table, "time", time)
+    clock = column_of(table, "time", time)
     if clock.scale < 0:
         raise BadValue(f"time: {time!r} runs backwards")
-    linear = {name: _linear(table, name, text) for name, text in columns.items()}
+    linear = {name: column_of(table, name, text) for name, text in columns.items()}
     flag = _contact_column(table, contact)
     chosen = _selected(table, where) if where else None
     t, x, touch, rows = _converted(table, [clock, *linear.values()], flag, chosen)
@@ -70,7 +70,8 @@ def series(
 # -- columns
 
 
-def _linear(table: TableFile, what: str, text: str) -> Linear:
+def column_of(table: TableFile, what: str, text: str) -> Linear:
+    """A column that is there, and what makes the wanted unit of it, from a text such as ``t_ms*1e-3``."""
     linear = expression(what, text, table.names)
     assert linear.column is not None
     return replace(linear, column=_find(table, linear.column, what))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import BadValue, RecordingError
+from ..motion.reports import column_of
 from ..motion.table import read_table
 
 QUANTITIES = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -23,6 +24,7 @@ RINGS = 0.03  # of the largest response, at the end of a recording
 PROMPT = 0.02  # 1/(half width): a delay that the smooth rest takes
 SURE = 5.0  # standard deviations from which on a delay is seen
 IN_PHASE = 0.3  # of the largest point: above, a part across its phase is no mode's
+SLOWEST = 0.01  # s between samples: in ms taken for s, 1 kHz has 1
 HELD = 3  # samples in a row at the largest value: a recorder at its end
 
 
@@ -45,14 +47,17 @@ def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str]
     drive : str or sequence of str
         Column of the voltage, or one for each point.
     response : str or sequence of str
-        Columns of what was measured, one for each point.
+        Columns of what was measured, one for each point.  Each may be scaled: ``"y_um*1e-6"``.
     time : str
-        Column of the time in s (not ms), in equal steps.
+        Column of the time in s, in equal steps, such as ``"t_ms*1e-3"``.
 
     Raises
     ------
     RecordingError
-        A file that cannot be read, a column that is not there, a number that is none, times that are not in equal steps.
+        A file that cannot be read, a column that is not there, a number that is none, times that are not in equal steps or so far
+        apart that they are not in s.
+    BadValue
+        A text that is no column and scale.
 
     Examples
     --------
@@ -65,16 +70,18 @@ def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str]
     table = read_table(source)
     many = not isinstance(drive, str)
     drives, responses = ([v] if isinstance(v, str) else list(v) for v in (drive, response))
-    names = [time, *drives, *responses]
-    for name in names:
-        if name not in table.names:
-            remedy = f"{'name that of the time, time=: ' if name == time else ''}choose of {', '.join(table.names)}"
-            raise table.error("the column is not there", remedy, column=name)
+    named = [("time", time), *(("drive", d) for d in drives), *(("response", r) for r in responses)]
+    linear = [column_of(table, f"read_sweep: {what}", text) for what, text in named]
+    names = [c.column for c in linear if c.column is not None]
     rows = np.concatenate([np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1)
+    rows = np.array([[c.scale] for c in linear]) * rows + np.array([[c.offset] for c in linear])
     step = np.diff(rows[0])
     if step.size < 2 or not step.min() > 0 or np.ptp(step) > 0.01 * step.mean():
         remedy = "record at one sample rate, without gaps; where they are only rounded, give identify the arrays and the rate"
         raise table.error("the times are not in equal steps", remedy, column=time)
+    if step.mean() > SLOWEST:
+        remedy = f'are they in ms? then write time="{time}*1e-3"'
+        raise table.error(f"{step.mean():g} s from sample to sample, which is slow for a vibration", remedy, column=time)
     last = 1 + len(drives)
     return Sweep(rows[1:last] if many else rows[1], rows[last:], float(1 / step.mean()))
 

@@ -83,13 +83,19 @@ def test_a_file_is_read(tmp_path):
     got = read_sweep(tmp_path / "sweep.npz", "volt", ["centre"])
     assert identify(*got).freq == pytest.approx(F0, rel=1e-5)
     assert read_sweep(tmp_path / "sweep.npz", "volt", "centre").response.shape == (1, u.size)
-    with pytest.raises(RecordingError, match="time=: choose of t, volt"):
+    with pytest.raises(RecordingError, match="time needs column seconds"):
         read_sweep(tmp_path / "sweep.npz", "volt", ["centre"], time="seconds")
     with pytest.raises(RecordingError, match="t, volt, centre"):
         read_sweep(tmp_path / "sweep.npz", "volt", ["edge"])
     with pytest.raises(RecordingError, match="equal steps"):
-        read_sweep({"t": np.cumsum(np.r_[np.ones(50), 1.012]), "volt": u[:51], "y": y[:51]}, "volt", ["y"])
-    assert read_sweep({"t": np.cumsum(np.r_[np.ones(50), 1.008]), "volt": u[:51], "y": y[:51]}, "volt", ["y"]).fs < 1
+        read_sweep({"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.012]), "volt": u[:51], "y": y[:51]}, "volt", ["y"])
+    assert read_sweep({"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.008]), "volt": u[:51], "y": y[:51]}, "volt", ["y"]).fs < 1000
+    ms = {"t": 1000 * t, "mV": 1000 * u, "y": y}
+    with pytest.raises(RecordingError, match=r'time="t\*1e-3"'):
+        read_sweep(ms, "mV", "y")
+    drive, response, fs = read_sweep(ms, "mV*1e-3", "y*2 + 1", time="t*1e-3")
+    np.testing.assert_allclose([drive, response[0]], [u, 2 * y + 1], rtol=1e-12)
+    assert fs == pytest.approx(FS)
 
 
 @pytest.mark.parametrize(
