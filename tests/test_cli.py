@@ -827,6 +827,10 @@ def test_play_with_outputs_of_different_units(tmp_path):
     ]:
         done = run.invoke(app, [*words, "--full-scale", wrong])
         assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
+    out = tmp_path / "a.wav"
+    words = ["render", *words[1:4], "--seconds", "0.1", "--out", str(out), "--full-scale"]
+    done = run.invoke(app, [*words, "force=50,place=0.1"])
+    assert done.exit_code == 0 and [c["full_scale"] for c in file.read(out)[1]["channels"]] == [50.0, 0.1], done.output
 
 
 @pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])

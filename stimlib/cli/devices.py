@@ -33,13 +33,9 @@ def safety_of(
         typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
     ] = None,
 ) -> Any:
-    from ..motion.text import pairs
     from ..run.safety import Safety
 
-    def of_each(text: Any, option: str) -> Any:
-        return pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER") if text and "=" in text else text
-
-    return Safety(of_each(full_scale, "--full-scale"), slew=of_each(slew, "--slew"), peak=peak, static=static)
+    return Safety(opt.of_each(full_scale, "--full-scale"), slew=opt.of_each(slew, "--slew"), peak=peak, static=static)
 
 
 def _ports(connect: list[str]) -> list[str] | str | None:

@@ -56,7 +56,11 @@ def render_(
     set_: opt.FileParams = [],
     seed: opt.Seed = 0,
     full_scale: Annotated[
-        float | None, typer.Option(help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any).")
+        str | None,
+        typer.Option(
+            help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any). For different units: "
+            "a=50,b=0.1."
+        ),
     ] = None,
     subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
     picture: Annotated[
@@ -87,15 +91,17 @@ def render_(
     proc = compile(made, fs, seed=seed)
     for name, value in values.items():
         proc.set(name, value, ramp=0.0)
-    report = file.write(out, proc, motion, length, subtype=subtype, full_scale=full_scale, progress=not quiet)
+    scale = opt.of_each(full_scale, "--full-scale")
+    report = file.write(out, proc, motion, length, subtype=subtype, full_scale=scale, progress=not quiet)
     if json_:
         print_json(asdict(report) | {"path": str(report.path), "sidecar": str(report.sidecar)})
     if not quiet:
         if not json_:
             print(report)
         top = max(report.peak.values())
-        if full_scale is not None and out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * full_scale:
-            share, steps = 100 * top / full_scale, full_scale / 2**23
+        one = float(scale) if isinstance(scale, str) else 0.0
+        if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
+            share, steps = 100 * top / one, one / 2**23
             text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
             note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
     if picture is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -37,3 +37,10 @@ Import = Annotated[
         help="Your own file, with blocks that the scene has; it is run before anything is read. Repeatable.",
     ),
 ]
+
+
+def of_each(text: str | None, option: str) -> Any:
+    """One number for all outputs, or one for each: ``a=50,b=0.1``."""
+    from ..motion.text import pairs
+
+    return pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER") if text and "=" in text else text
