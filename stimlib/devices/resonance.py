@@ -217,7 +217,7 @@ def _keep(file: str | os.PathLike[str], taken: list[tuple[np.ndarray, np.ndarray
             f"record_sweep: the points in {file} have {len(taken[0][0])} samples, and this one {len(taken[-1][0])}: sweep as "
             "long as before, or keep= another file"
         )
-    columns = {"t": np.arange(max(lengths, default=0)) / rate}
+    columns: dict[str, Any] = {"t": np.arange(max(lengths, default=0)) / rate}
     for k, (u, y) in enumerate(taken):
         columns |= {f"drive{k}": u, f"response{k}": y}
     data = io.BytesIO()
