@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from ..core.pool import spread
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
-from ..run.rendering import render
+from ..motion.source import frames_of, positions, sources_of
+from ..run.processor import Processor
+from ..run.rendering import Rendering
 from ..sweep import measured
 from .experiment import Experiment
 from .likelihood import Model, probability
@@ -94,7 +97,7 @@ class Listener:
     ----------
     scenes : dict of str to Scene
     motion : dict
-        As ``render`` takes it.
+        As ``render`` takes it; a scene takes its own inputs of it.
     fs, seconds : float
         Hz; length of an interval.
     measure : str or Measure
@@ -158,7 +161,8 @@ class Listener:
         if stimulus.scene not in self.scenes:
             raise UnknownName(f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}")
         scene = self.scenes[stimulus.scene]
-        figures = measured(render(scene, self.motion, self.fs, self.seconds, dict(stimulus.params), stimulus.seed), self.measure)
+        motion = {name: self.motion[name] for name in scene.inputs if name in self.motion}
+        figures = measured(_again(scene, motion, self.fs, self.seconds, stimulus), self.measure)
         if not self.figure and len(figures) > 1:
             raise BadValue(f"Listener: the measure has several figures, {', '.join(figures)}: name one as figure")
         if self.figure and self.figure not in figures:
@@ -188,6 +192,25 @@ class Listener:
         if set(felt) != {"standard", "comparison"}:
             raise BadValue(f"condition {trial.condition!r}: the stimuli must be named standard and comparison, not {list(felt)}")
         return felt["comparison"] > felt["standard"]
+
+
+@lru_cache(maxsize=64)
+def _compiled(scene: Scene, fs: float) -> Processor:
+    return Processor(scene, fs)
+
+
+def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimulus) -> Rendering:
+    """``render`` of a stimulus, its scene compiled at the first time only."""
+    proc = _compiled(scene, fs)
+    proc.reset(stimulus.seed)
+    for name, value in stimulus.params.items():
+        proc.set(name, value, ramp=0.0)
+    frames = frames_of(seconds, fs)
+    x = positions(sources_of(motion, proc.inputs, frames), 0, frames, fs)
+    y = proc.process(x)
+    return Rendering(
+        scene, fs, stimulus.seed, dict(proc.params), y, proc.outputs, proc.fault, dict(zip(proc.inputs, x, strict=True))
+    )
 
 
 def _answer(trial: Trial, more: bool) -> Answer:

@@ -1,0 +1,81 @@
+"""The papers' experiments, with few trials: what is shown, how it is ordered, and the numbers of their tables."""
+
+import numpy as np
+import pytest
+from experiments.some import experiment, still
+
+from stimlib.experiments.observers import Listener, Psychometric, simulate
+from stimlib.experiments.present import present
+from stimlib.experiments.streams import stream
+from stimlib.experiments.trial import Stimulus, observed
+from stimlib.experiments.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
+from stimlib.scenes import squeeze
+
+
+# UGrip -----------------------------------------------------------------------------------------------------------------
+def test_ugrip_has_the_papers_staircases_one_pair_for_each_condition():
+    paper, quick = ugrip(), ugrip(reversals=2)
+
+    def session(seed):
+        return [t for t, _ in observed(quick.designed("P01"), seed, Psychometric(K0, 0.1, log=True), stream(5, "observer"))]
+
+    trials = session(5)
+    for t in trials:
+        paper.check(t)
+    assert len({t.track for t in trials}) == 8, "two of each condition"
+    conditions = list(dict.fromkeys(t.condition for t in trials))
+    assert sorted(conditions) == [f"{f}, {v}" for f in ("one finger", "two fingers") for v in ("silent", "vibrating")]
+    assert [t.pause for t in trials if t.pause] == [120.0] * 3, "two minutes between pairs"
+    first = {t.track: t.level for t in reversed(trials)}
+    for track, level in first.items():
+        low, high = (2 * K0, 2.5 * K0) if track.endswith("high") else (K0 / 2.5, K0 / 2)
+        assert low <= level <= high
+    for t in trials:
+        by = {s.name: s for s in t.stimuli}
+        assert by["standard"].params == {"k": 2000.0, "A": 0.0}
+        assert by["comparison"].params["A"] == (3.4 if "vibrating" in t.condition else 0.0)
+    for pair in paper.design.parts.values():
+        for stairs in pair.tracks.values():
+            assert (stairs.steps, stairs.reversals, stairs.bounds) == ((12.0,) * 5 + (3.0,), 20, (250.0, 16000.0))
+            assert (stairs.up, stairs.down, stairs.task.asks_less) == (1, 1, True)
+    assert conditions != list(dict.fromkeys(t.condition for t in session(7))), "another order for another person"
+
+
+def test_ugrip_finds_what_its_observers_feel():
+    """Of parameters, with the paper's points of subjective equality and slopes; the tests are those within people."""
+    pse = {
+        "one finger, silent": 2020.0,
+        "one finger, vibrating": 2340.0,
+        "two fingers, silent": 2020.0,
+        "two fingers, vibrating": 2020.0,
+    }
+    sigma = {name: 1 / 7.9 if "one" in name else 1 / 17.5 for name in pse}
+    answers = simulate(ugrip(), Psychometric(pse, sigma, log=True), 3, seed=2)
+    found = comparisons(answers)
+    assert [(t.what, t.a, t.b) for t in found][:4] == [
+        ("pse", "one finger, silent", "one finger, vibrating"),
+        ("slope", "one finger, silent", "one finger, vibrating"),
+        ("intercept", "one finger, silent", "one finger, vibrating"),
+        ("pse", "two fingers, silent", "two fingers, vibrating"),
+    ]
+    assert (found[0].mean_a, found[0].mean_b) == (pytest.approx(2.02, abs=0.15), pytest.approx(2.34, abs=0.15))
+    assert (found[3].mean_a, found[3].mean_b) == (pytest.approx(2.02, abs=0.07), pytest.approx(2.02, abs=0.07))
+    assert found[7].mean_b > 1.5 * found[7].mean_a > 9.0, "two fingers feel finer differences"
+    assert found[2].mean_a == pytest.approx(-found[1].mean_a * np.log10(2.02), rel=0.3), "over k in N/mm"
+    line = text(found[:1])
+    assert line.startswith("pse") and "F(1, 2)" in line and line.endswith("paper: 2.02, 2.34: F > 5.6, p < .03")
+
+
+@pytest.mark.parametrize(("softer", "felt"), [(0.0, 2340.0), (316.0, 2000.0)])
+def test_one_finger_feels_a_vibrating_object_of_2340_as_a_silent_one_of_2000(softer, felt):
+    """The paper's point of subjective equality; every 3 s of the rendering count."""
+    one = Listener({"one finger": squeeze(fingers=1)}, SQUEEZES, 8000.0, 3.0, feels(softer), 0.1)
+    mean = np.mean([one.figure_of(Stimulus("one finger", {"k": 2340.0, "A": 3.4}, seed)) for seed in range(4)])
+    assert mean == pytest.approx(felt, rel=0.01)
+    assert one.figure_of(Stimulus("one finger", {"k": 1500.0, "A": 0.0})) == pytest.approx(1500.0)
+
+
+def test_a_trial_takes_of_the_hands_inputs_those_that_its_scene_has():
+    some = experiment(motion={"x": still, "x2": still})
+    trial = some.design.next(some.design.init(1))
+    assert present(some, trial)["delivered"] > 0
