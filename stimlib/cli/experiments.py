@@ -21,7 +21,7 @@ from .terminal import Terminal
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
-PAPERS = ("ugrip",)
+PAPERS = ("ugrip", "bounciness")
 """Experiments of papers: a function of this name in stimlib.experiments.NAME."""
 
 experiment = group("experiment", "Run an experiment, go on with it, simulate it, and get its answers.")
@@ -30,7 +30,7 @@ Defined = Annotated[
     str,
     typer.Argument(
         metavar="FILE.py:NAME",
-        help="The experiment, or a function that makes it, in your own file, which is run; or one of a paper: [bold]ugrip[/].",
+        help="The experiment, or a function that makes it, in your own file, which is run; or a paper's, such as [bold]ugrip[/].",
         show_default=False,
     ),
 ]
@@ -164,13 +164,14 @@ def simulate(
     made = experiment_of(defined)
     if made.observer is None:
         raise BadValue(f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer")
-    with progress("simulating", participants, not quiet) as advance:
-        for n in range(1, participants + 1):
-            with Session(made, data, f"P{n}", pilot=True) as session:
+    every = [(n, number) for n in range(1, participants + 1) for number in range(1, made.sessions + 1)]
+    with progress("simulating", len(every), not quiet) as advance:
+        for n, number in every:
+            with Session(made, data, f"P{n}", number, pilot=True) as session:
                 run(session, Simulated(session, made.observer), "offline" if rendered else lambda trial, folder: {})
             advance(1)
     if not quiet:
-        print(f"{participants} sessions in {data / made.name}, kept as pilots")
+        print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
         print(f"stimlib experiment analyse {defined} --data {data} --pilot")
 
 

@@ -238,7 +238,7 @@ def simulate(
     observer: Observer | Mapping[str, Observer],
     participants: int | Sequence[str],
     *,
-    session: int = 1,
+    session: int | None = None,
     seed: int = 0,
     workers: int | None = 1,
     progress: bool = True,
@@ -252,7 +252,8 @@ def simulate(
         ``observer(trial, rng) -> Answer``: one for all, or each participant's own.
     participants : int or sequence of str
         How many (P01, P02, ..), or their codes.
-    session : int
+    session : int, optional
+        One of them only; by default all ``experiment.sessions``.
     seed : int
         Of the observers; each participant draws from their own stream.
     workers : int or None
@@ -298,7 +299,9 @@ def simulate(
         raise BadValue("simulate: there must be at least one participant")
     if isinstance(observer, Mapping) and (alone := [c for c in codes if c not in observer]):
         raise UnknownName(f"simulate: no observer for {alone[0]}; there are {', '.join(observer)}")
-    each = [(experiment, observer[c] if isinstance(observer, Mapping) else observer, c, session, seed) for c in codes]
+    mine = [observer[c] if isinstance(observer, Mapping) else observer for c in codes]
+    numbers = range(1, experiment.sessions + 1) if session is None else [session]
+    each = [(experiment, who, c, number, seed) for c, who in zip(codes, mine, strict=True) for number in numbers]
     if workers == 1:
         jobs: list[tuple] = each
         run: Callable[..., list[tuple]] = _participant
@@ -306,7 +309,7 @@ def simulate(
         dumps = package("cloudpickle", "simulate in several processes", "'stimlib[sweep]'").dumps
         jobs, run = [(dumps(job),) for job in each], _unpacked
     rows = []
-    with bar("simulating", len(codes), progress) as advance, spread(run, jobs, workers) as results:
+    with bar("simulating", len(each), progress) as advance, spread(run, jobs, workers) as results:
         for found in results:
             rows += found
             advance(1)
@@ -320,7 +323,7 @@ def _unpacked(data: bytes) -> list[tuple]:
 
 
 def _participant(experiment: Experiment, observer: Observer, code: str, session: int, seed: int) -> list[tuple]:
-    """The trials of one participant."""
+    """The trials of one participant's session."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
     rows = []
     for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):

@@ -1,15 +1,21 @@
 """The papers' experiments, with few trials: what is shown, how it is ordered, and the numbers of their tables."""
 
+from math import pi
+
 import numpy as np
 import pytest
 from experiments.some import experiment, still
 
+from stimlib.errors import BadValue
+from stimlib.experiments.bounciness import PAIRS, REFERENCES, SQUARE, bounciness, jnds, pair_of, phase
+from stimlib.experiments.bounciness import person as bouncy
 from stimlib.experiments.observers import Listener, Psychometric, simulate
 from stimlib.experiments.present import present
+from stimlib.experiments.squares import check_graeco_latin
 from stimlib.experiments.streams import stream
 from stimlib.experiments.trial import Stimulus, observed
 from stimlib.experiments.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
-from stimlib.scenes import squeeze
+from stimlib.scenes import squeeze, viscoelastic
 
 
 # UGrip -----------------------------------------------------------------------------------------------------------------
@@ -79,3 +85,49 @@ def test_a_trial_takes_of_the_hands_inputs_those_that_its_scene_has():
     some = experiment(motion={"x": still, "x2": still})
     trial = some.design.next(some.design.init(1))
     assert present(some, trial)["delivered"] > 0
+
+
+# Bounciness ------------------------------------------------------------------------------------------------------------
+def ideal(alpha):
+    """The phase of a springpot that has forgotten its beginning."""
+    return alpha * pi / 2
+
+
+def test_bounciness_has_the_thesis_square_and_its_sessions():
+    square = [[("βγζθ".index(pair[0]), "ABCD".index(pair[1])) for pair in row.split()] for row in SQUARE]
+    check_graeco_latin(square)
+    for participant in ("P01", "P02", "P03", "P04"):
+        assert sorted(pair_of(participant, n) for n in range(1, 13)) == sorted(PAIRS), "each pair once"
+    assert [pair_of("P03", n) for n in (4, 5, 6)] == ["0.75 and 0.8", "0.75 and 0.85", "0.75 and 0.9"], "theta A"
+    with pytest.raises(BadValue, match="there are 12"):
+        pair_of("P01", 13)
+    experiment = bounciness()
+    trials = [t for t, _ in observed(experiment.designed("P02", 3), 1, bouncy(ideal), stream(1, "observer"))]
+    assert [t.training for t in trials] == 2 * (10 * [True] + 50 * [False])
+    assert [n for n, t in enumerate(trials) if t.pause] == [60]
+    shown = [t.stimuli[0].scene for t in trials if not t.training]
+    assert {name: shown.count(name) for name in shown} == {"0.25": 50, "0.3": 50}
+    assert {t.correct["bouncier"] for t in trials if t.stimuli[0].scene == "0.25"} == {"red"}
+    assert experiment.familiar("P02", 3)["green"].scene == "0.3"
+    assert experiment.scenes["0.25"].hash == viscoelastic(alpha=0.25).hash != experiment.scenes["0.3"].hash
+
+
+def test_bounciness_finds_the_jnds_that_its_observer_has():
+    answers = simulate(bounciness(), bouncy(ideal), ["P01"], seed=3)
+    found = jnds(answers)
+    assert list(found.jnd) == list(REFERENCES.values())
+    assert list(found.jnd.values()) == pytest.approx([0.03, 0.0351, 0.0714, 0.1077], rel=0.35)
+    a, b, c = found.d["P01", 0.5]
+    assert found.jnd[0.5] == pytest.approx(3 / (a / 0.05 + b / 0.1 + c / 0.15)) and a < b < c
+    assert found.line.slope * 0.25 + found.line.intercept == pytest.approx(found.jnd[0.25], abs=0.03)
+    late = {name: column[120:] for name, column in answers.items()}
+    with pytest.raises(BadValue, match="P01 has no session of"):
+        jnds(late)
+    half = {name: 2 * column for name, column in answers.items()} | {
+        "training": len(answers["level"]) * [False] + len(answers["level"]) * [True]
+    }
+    assert jnds(half).d == found.d, "training is left out"
+
+
+def test_the_phase_is_that_of_the_rendered_force():
+    assert phase(0.25) == pytest.approx(0.25 * pi / 2, rel=0.02)
