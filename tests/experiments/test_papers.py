@@ -7,10 +7,13 @@ import pytest
 from experiments.some import experiment, still
 
 from stimlib.errors import BadValue
+from stimlib.experiments import roughness as rough
 from stimlib.experiments.bounciness import PAIRS, REFERENCES, SQUARE, bounciness, jnds, pair_of, phase
 from stimlib.experiments.bounciness import person as bouncy
+from stimlib.experiments.compare import paired
 from stimlib.experiments.observers import Listener, Psychometric, simulate
 from stimlib.experiments.present import present
+from stimlib.experiments.scaling import fechner
 from stimlib.experiments.squares import check_graeco_latin
 from stimlib.experiments.streams import stream
 from stimlib.experiments.trial import Stimulus, observed
@@ -123,11 +126,81 @@ def test_bounciness_finds_the_jnds_that_its_observer_has():
     late = {name: column[120:] for name, column in answers.items()}
     with pytest.raises(BadValue, match="P01 has no session of"):
         jnds(late)
-    half = {name: 2 * column for name, column in answers.items()} | {
-        "training": len(answers["level"]) * [False] + len(answers["level"]) * [True]
-    }
-    assert jnds(half).d == found.d, "training is left out"
+    n = len(answers["level"])
+    twice = {name: 2 * column for name, column in answers.items()} | {"training": n * [False] + n * [True]}
+    assert jnds(twice).d == found.d, "training is left out"
 
 
 def test_the_phase_is_that_of_the_rendered_force():
     assert phase(0.25) == pytest.approx(0.25 * pi / 2, rel=0.02)
+
+
+# Roughness -------------------------------------------------------------------------------------------------------------
+def print_of(name):
+    """The RMS as table 6.1 has it."""
+    s = rough.STIMULI[name]
+    return rough.PRINTED[s.duty, s.amplitude, s.waveform][0]
+
+
+def test_roughness_shows_all_stimuli_twice_a_day_in_an_order_of_ones_own(monkeypatch):
+    monkeypatch.setattr(rough, "rms", print_of)
+    experiment = rough.roughness()
+
+    def shown(code, session):
+        seed = experiment.seeded(code, session)
+        return [t for t, _ in observed(experiment.designed(code, session), seed, rough.person(), stream(1, "observer"))]
+
+    first, second, other = shown("P01", 1), shown("P01", 2), shown("P02", 2)
+    assert [t.training for t in first] == 48 * [True] + 162 * [False]
+    for a in (48, 129):
+        assert sorted(t.condition for t in first[a : a + 81]) == sorted(rough.STIMULI), "a set is each stimulus once"
+    orders = [[t.condition for t in trials] for trials in (first[48:], second, other)]
+    assert len(second) == 162 and orders[0] != orders[1] != orders[2]
+    (shown_once,) = [t.stimuli[0] for t in second[:81] if t.condition == "square, 18 bumps, duty 0.2, 7.5 V"]
+    assert (shown_once.scene, dict(shown_once.params)) == ("square 18", {"duty": 0.2, "A": 7.5})
+    assert (experiment.replays, experiment.timing.interval, experiment.sessions) == (1, 15.0, 2)
+    assert [(q.name, q.choices, q.most) for q in experiment.questions] == [
+        ("roughness", ("smooth", "rough"), 7),
+        ("bumpiness", ("flat", "bumpy"), 7),
+    ]
+
+
+def test_roughness_gives_the_thesis_tables_and_law(monkeypatch):
+    monkeypatch.setattr(rough, "rms", print_of)
+    people = {f"P{n}": rough.person(stream(n, "person")) for n in (1, 2, 3)}
+    answers = simulate(rough.roughness(), people, list(people), seed=1)
+    found = rough.ratings(answers)
+    assert found.law.line.intercept == pytest.approx(3.92 + 0.05, abs=0.6)
+    assert found.law.line.slope == pytest.approx(2.25, abs=0.3) and found.pearson > 0.8
+    assert list(found.mean)[:2] == [(0.5, 0.2, "sine"), (0.5, 0.2, "square")]
+    assert found.rms[7.5, 0.8, "square"] == 3.35 == max(found.rms.values())
+    rows = [
+        v
+        for v, c in zip(answers["outcome"], answers["condition"], strict=True)
+        if c.startswith("square") and c.endswith("duty 0.8, 7.5 V")
+    ]
+    assert len(rows) == 3 * 3 * 4 and found.mean[7.5, 0.8, "square"] == pytest.approx(np.mean(rows))
+    assert [e.name for e in found.effects[:4]] == ["waveform", "bumps", "duty", "amplitude"]
+    assert min(found.effects[:4], key=lambda e: e.p).name == "amplitude" and len(found.effects) == 15
+    means = [
+        [np.mean([v for v, w, c in zip(answers["outcome"], answers["participant"], answers["condition"], strict=True)
+                  if w == who and c.endswith(f", {volt} V")]) for who in people]
+        for volt in ("4", "7.5")
+    ]  # fmt: skip
+    assert found.pairs["amplitude", "4.0", "7.5"] == pytest.approx(3 * paired(*means).p), "Bonferroni"
+    assert "4     0.5   square    1.41 (1.41)" in rough.text(found)
+    with pytest.raises(BadValue, match="P1 has not rated"):
+        rough.ratings({name: column[:80] for name, column in answers.items()})
+
+
+def test_the_rendered_rms_is_the_formulas():
+    """A sqrt(d)/2, and A sqrt(d/12) for the sawtooth, which the thesis prints up to 15 % lower."""
+    assert rough.rms("square, 6 bumps, duty 0.2, 4 V") == pytest.approx(4 * 0.2**0.5 / 2, rel=0.01)
+    assert rough.rms("sawtooth, 6 bumps, duty 0.2, 4 V") == pytest.approx(4 * (0.2 / 12) ** 0.5, rel=0.01)
+
+
+def test_fechners_law_of_the_printed_tables():
+    x, r = np.transpose(list(rough.PRINTED.values()))
+    law = fechner(x, r)
+    assert (law.line.intercept, law.line.slope, law.r2) == pytest.approx((3.9201, 2.2464, 0.9563), abs=5e-5)
+    assert np.corrcoef(x, r)[0, 1] == pytest.approx(0.9024, abs=5e-5)
