@@ -21,7 +21,7 @@ from .terminal import Terminal
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
-PAPERS = ("ugrip", "bounciness", "roughness")
+PAPERS = ("ugrip", "bounciness", "roughness", "nodules")
 """Experiments of papers: a function of this name in stimlib.experiments.NAME."""
 
 experiment = group("experiment", "Run an experiment, go on with it, simulate it, and get its answers.")

@@ -264,8 +264,8 @@ def simulate(
     Returns
     -------
     dict of str to list
-        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level`` and ``outcome``; training
-        is left out.  The same on every run and with any number of workers.
+        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level``, ``outcome``, and each
+        question by its name; training is left out.  The same on every run and with any number of workers.
 
     Raises
     ------
@@ -313,7 +313,8 @@ def simulate(
         for found in results:
             rows += found
             advance(1)
-    return {name: list(column) for name, column in zip(COLUMNS, zip(*rows, strict=True), strict=True)}
+    names = *COLUMNS, *(q.name for q in experiment.questions)
+    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
 
 def _unpacked(data: bytes) -> list[tuple]:
@@ -329,7 +330,8 @@ def _participant(experiment: Experiment, observer: Observer, code: str, session:
     for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):
         experiment.check(trial)
         if not trial.training:
-            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer)))
+            asked = (answer.values.get(q.name) for q in experiment.questions)
+            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer), *asked))
     return rows
 
 

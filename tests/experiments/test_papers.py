@@ -1,5 +1,6 @@
 """The papers' experiments, with few trials: what is shown, how it is ordered, and the numbers of their tables."""
 
+from itertools import combinations
 from math import pi
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from experiments.some import experiment, still
 
 from stimlib.errors import BadValue
+from stimlib.experiments import nodules as nod
 from stimlib.experiments import roughness as rough
 from stimlib.experiments.bounciness import PAIRS, REFERENCES, SQUARE, bounciness, jnds, pair_of, phase
 from stimlib.experiments.bounciness import person as bouncy
@@ -204,3 +206,47 @@ def test_fechners_law_of_the_printed_tables():
     law = fechner(x, r)
     assert (law.line.intercept, law.line.slope, law.r2) == pytest.approx((3.9201, 2.2464, 0.9563), abs=5e-5)
     assert np.corrcoef(x, r)[0, 1] == pytest.approx(0.9024, abs=5e-5)
+
+
+# Nodules ---------------------------------------------------------------------------------------------------------------
+def test_nodules_shows_each_surface_once_and_begins_with_another_technique():
+    experiment = nod.nodules()
+    firsts = []
+    for code in ("P01", "P02", "P03"):
+        trials = [t for t, _ in observed(experiment.designed(code), 1, nod.person, stream(1, "observer"))]
+        assert sorted(t.condition for t in trials) == sorted(nod.SURFACES) and len(trials) == 39
+        techniques = [nod.SURFACES[t.condition][0] for t in trials]
+        assert techniques == sorted(techniques, key=techniques.index), "one after another"
+        firsts.append(techniques[0])
+        for t in trials:
+            assert t.stimuli[0].scene == t.condition and t.correct == nod.right_answers(t.condition)
+    assert firsts == ["deformation", "cursor", "combined"]
+    sides = [side for t in trials if t.condition.startswith("cursor") for side in t.correct.values()]
+    assert (sides.count("nodule"), sides.count("none")) == (18, 8)
+    assert nod.right_answers("combined, none and C1") == {"left": "none", "right": "nodule"}
+    flat, nodule = (experiment.scenes[f"combined, {left} and none"].hash for left in ("none", "A1"))
+    assert flat != nodule and list(experiment.scenes["cursor, A1 and B1"].outputs) == ["x", "y", "depth"]
+
+
+def test_nodules_gives_the_papers_rates_of_the_papers_counts():
+    """Answers with these counts: the rates are the printed ones, the intervals those of 252, 112 and 364 sides."""
+    answers = simulate(nod.nodules(), nod.person, 14, seed=1)
+    for mode, (hits, rejections) in nod.COUNTS.items():
+        left = {"nodule": hits, "none": rejections}
+        for k, name in enumerate(answers["condition"]):
+            for side, under in nod.right_answers(name).items():
+                if nod.SURFACES[name][0] == mode:
+                    left[under] -= 1
+                    answers[side][k] = under if left[under] >= 0 else {"nodule": "none", "none": "nodule"}[under]
+    found = nod.found(answers)
+    for mode, printed in nod.PRINTED.items():
+        rates = found.rates[mode]
+        three = (rates.sensitivity, rates.specificity, rates.accuracy)
+        assert [100 * p.value for p in three] == pytest.approx(printed, abs=0.051) and [p.n for p in three] == [252, 112, 364]
+    assert (found.rates["combined"].sensitivity.low, found.rates["combined"].accuracy.high) == pytest.approx(
+        (0.9138, 0.9790), abs=5e-5
+    )
+    test, pairs = found.tests["Se"]
+    assert [(p.a, p.b) for p in pairs] == list(combinations(nod.MODES, 2)) and pairs[0].statistic < -1.5
+    assert test.df == (2.0,) and {p.sides for p in found.tests["ACC"][1]} == {"one-sided"}
+    assert "Se 94.8 % [91.4, 97.0] (94.8)" in nod.text(found)
