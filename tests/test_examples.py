@@ -30,6 +30,11 @@ PRINTED = {
     "psychopy_trial.py --made-up-hand": (
         "interval 1: 360 N/m, 20.0 mm, 7.20 N\ninterval 2: 300 N/m, 20.0 mm, 6.00 N\nanswer: 2\n"
     ),
+    "psychopy_session.py --simulated": (
+        "240 N/m felt harder than 300 N/m in 0 of 4 trials\n"
+        "300 N/m felt harder than 300 N/m in 3 of 4 trials\n"
+        "360 N/m felt harder than 300 N/m in 3 of 4 trials\n"
+    ),
     "which_is_softer.py": (
         "51 trials, 0 samples lost, 0 limited\n"
         "A = 0: felt as the standard at about 1701 N/m\n"

@@ -159,7 +159,7 @@ def person(felt: Callable[[float], float] = phase) -> Observer:
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_bounciness`.
     """
 
     def answers(trial: Trial, rng: np.random.Generator) -> Answer:
@@ -215,7 +215,7 @@ def jnds(answers: Columns) -> Jnds:
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_bounciness`.
     """
     d: dict[tuple[str, str], float] = {}
     for (who, condition), rows in grouped(answers, ("participant", "condition")).items():
@@ -243,7 +243,7 @@ def text(found: Jnds) -> str:
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_bounciness`.
     """
     lines = [f"alpha = {a:<4g}  JND {jnd:.4f}" for a, jnd in found.jnd.items()]
     fit = found.line

@@ -154,7 +154,7 @@ def person(rng: np.random.Generator | None = None) -> Observer:
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_ugrip`.
     """
     much = 1.0 if rng is None else 1 + 0.8 * rng.normal()
     each = {}
@@ -225,7 +225,7 @@ def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], F
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_ugrip`.
     """
     return fitted({**answers, "level": [level / 1000 for level in answers["level"]]}, log=True, interval=interval)
 
@@ -245,7 +245,7 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
 
     Examples
     --------
-    See :doc:`/reference/experiments_papers`.
+    See :doc:`/reference/experiments_ugrip`.
     """
     found = fits(answers, interval="none")
     people = list(dict.fromkeys(answers["participant"]))
