@@ -1,7 +1,7 @@
 """An experiment of stimlib on a PsychoPy window: PsychoPy draws and takes keys, stimlib decides, displays and keeps the answers.
 
     python examples/psychopy_session.py --participant P07 --sink jack
-    python examples/psychopy_session.py --simulated
+    python examples/psychopy_session.py --simulated [--plot FILE]
 
 Only the class `Window` needs PsychoPy.  With --simulated the session runs without it, and without a screen.
 """
@@ -97,12 +97,23 @@ def felt(trial: Trial, rng: np.random.Generator) -> Answer:
     return Answer({"harder": "first" if k[0] > k[1] else "second"})
 
 
+def plot(said: dict[float, list[float]], path: str) -> None:
+    """How often each spring felt harder."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 4), layout="constrained")
+    ax = figure.add_subplot(xlabel="stiffness / (N/m)", ylabel="proportion of harder", ylim=(-0.05, 1.05))
+    ax.plot(list(said), [np.mean(each) for each in said.values()], "o-")
+    figure.savefig(path)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--participant", default="P01")
     parser.add_argument("--sink", default="null")
     parser.add_argument("--data", default="data")
     parser.add_argument("--simulated", action="store_true")
+    parser.add_argument("--plot", metavar="FILE")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         data = folder if given.simulated else given.data
@@ -110,6 +121,10 @@ if __name__ == "__main__":
             face = Simulated(session, felt) if given.simulated else Window()
             run(session, face, "offline" if given.simulated else given.sink)
         answers = columns(sessions("harder", data))
-    for k in sorted(set(answers["level"])):
-        said = [more for level, more in zip(answers["level"], answers["outcome"], strict=True) if level == k]
-        print(f"{k:g} N/m felt harder than 300 N/m in {sum(said):g} of {len(said)} trials")
+    said = {k: [] for k in sorted(set(answers["level"]))}
+    for k, more in zip(answers["level"], answers["outcome"], strict=True):
+        said[k].append(more)
+    for k, each in said.items():
+        print(f"{k:g} N/m felt harder than 300 N/m in {sum(each):g} of {len(each)} trials")
+    if given.plot:
+        plot(said, given.plot)
