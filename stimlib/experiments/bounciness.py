@@ -101,9 +101,9 @@ def pair_of(participant: str, session: int) -> str:
     """
     if not 1 <= session <= 12:
         raise BadValue(f"bounciness: session {session}: there are 12, one for each reference and comparison")
-    greek, latin = SQUARE[(session - 1) // 3].split()[turn_of(participant, 4)]
-    alpha = REFERENCES[greek]
-    return f"{alpha:g} and {alpha + ORDERS[latin][(session - 1) % 3] * STEP:g}"
+    letters = SQUARE[(session - 1) // 3].split()[turn_of(participant, 4)]
+    alpha = REFERENCES[letters[0]]
+    return f"{alpha:g} and {alpha + ORDERS[letters[1]][(session - 1) % 3] * STEP:g}"
 
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
@@ -225,7 +225,8 @@ def jnds(answers: Columns) -> Jnds:
             if not left_out:
                 counts[level][0] += int(outcome)
                 counts[level][1] += 1
-        d[who, condition] = detection(*counts[1.0], *counts[0.0]).d
+        (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
+        d[who, condition] = detection(hits, signals, alarms, noises).d
     people = list(dict.fromkeys(who for who, _ in d))
     if missing := [(who, c) for who in people for c in PAIRS if (who, c) not in d]:
         raise BadValue(f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are needed")

@@ -18,7 +18,8 @@ from .trial import Stimulus, Trial
 class Task(Protocol):
     """Makes trials of one condition."""
 
-    condition: str
+    @property
+    def condition(self) -> str: ...
 
     def trial(self, level: Any, seed: int, n: int) -> Trial: ...
 
