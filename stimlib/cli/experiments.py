@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,13 +21,16 @@ from .terminal import Terminal
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
+PAPERS = ("ugrip", "bounciness", "roughness", "nodules")
+"""Experiments of papers: a function of this name in stimlib.experiments.NAME."""
+
 experiment = group("experiment", "Run an experiment, go on with it, simulate it, and get its answers.")
 
 Defined = Annotated[
     str,
     typer.Argument(
         metavar="FILE.py:NAME",
-        help="The experiment, or a function that makes it, in your own file, which is run.",
+        help="The experiment, or a function that makes it, in your own file, which is run; or a paper's, such as [bold]ugrip[/].",
         show_default=False,
     ),
 ]
@@ -44,7 +48,7 @@ Device = Annotated[str | None, typer.Option(help="JACK: name of the server. Port
 
 
 def experiment_of(text: str) -> Experiment:
-    """The experiment that FILE.py:NAME means.
+    """The experiment that FILE.py:NAME means, or the name of a paper's.
 
     Raises
     ------
@@ -53,9 +57,11 @@ def experiment_of(text: str) -> Experiment:
     """
     from ..experiments.experiment import Experiment
 
+    if text in PAPERS:
+        return getattr(importlib.import_module(f"stimlib.experiments.{text}"), text)()
     path, _, name = text.rpartition(":")
     if not path.endswith(".py"):
-        raise BadValue(f"{text!r} is no experiment: write FILE.py:NAME")
+        raise BadValue(f"{text!r} is no experiment: write FILE.py:NAME, or one of {', '.join(PAPERS)}")
     found = own_of(path, name, kind=Experiment)
     made = found() if callable(found) and not isinstance(found, Experiment) else found
     if not isinstance(made, Experiment):
@@ -158,13 +164,14 @@ def simulate(
     made = experiment_of(defined)
     if made.observer is None:
         raise BadValue(f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer")
-    with progress("simulating", participants, not quiet) as advance:
-        for n in range(1, participants + 1):
-            with Session(made, data, f"P{n}", pilot=True) as session:
+    every = [(n, number) for n in range(1, participants + 1) for number in range(1, made.sessions + 1)]
+    with progress("simulating", len(every), not quiet) as advance:
+        for n, number in every:
+            with Session(made, data, f"P{n}", number, pilot=True) as session:
                 run(session, Simulated(session, made.observer), "offline" if rendered else lambda trial, folder: {})
             advance(1)
     if not quiet:
-        print(f"{participants} sessions in {data / made.name}, kept as pilots")
+        print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
         print(f"stimlib experiment analyse {defined} --data {data} --pilot")
 
 

@@ -92,8 +92,11 @@ class Experiment:
     hand : callable, optional
         Of ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until ``sink.finished``.
     timing : Timing
-    familiarisation : dict of str to Stimulus
-        Stimuli that the participant may feel at will before the first trial.
+    familiarisation : dict of str to Stimulus, or callable
+        Stimuli that the participant may feel at will before the first trial; ``familiarisation(participant, session)`` where they
+        depend on it.
+    sessions : int
+        Of each participant: a simulation has all of them.
     replays : int
         How often the stimuli of a trial may be asked for again.
     feedback : bool
@@ -131,7 +134,8 @@ class Experiment:
     motion: Any = None
     hand: Callable[[Any], None] | None = None
     timing: Timing = Timing()
-    familiarisation: Mapping[str, Stimulus] = dc.field(default_factory=dict)
+    familiarisation: Mapping[str, Stimulus] | Callable[[str, int], Mapping[str, Stimulus]] = dc.field(default_factory=dict)
+    sessions: int = 1
     replays: int = 0
     feedback: bool = False
     cursor: Cursor | None = None
@@ -164,6 +168,10 @@ class Experiment:
     def designed(self, participant: str, session: int = 1) -> Design:
         """The design of one participant's session."""
         return self.design if isinstance(self.design, Design) else self.design(participant, session)
+
+    def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
+        """The stimuli that one participant may get familiar with before a session."""
+        return self.familiarisation(participant, session) if callable(self.familiarisation) else self.familiarisation
 
     def seeded(self, participant: str, session: int = 1) -> int:
         """The seed of one participant's session."""

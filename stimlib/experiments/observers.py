@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from ..core.pool import spread
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
-from ..run.rendering import render
+from ..motion.source import frames_of, positions, sources_of
+from ..run.processor import Processor
+from ..run.rendering import Rendering
 from ..sweep import measured
 from .experiment import Experiment
 from .likelihood import Model, probability
@@ -94,7 +97,7 @@ class Listener:
     ----------
     scenes : dict of str to Scene
     motion : dict
-        As ``render`` takes it.
+        As ``render`` takes it; a scene takes its own inputs of it.
     fs, seconds : float
         Hz; length of an interval.
     measure : str or Measure
@@ -158,7 +161,8 @@ class Listener:
         if stimulus.scene not in self.scenes:
             raise UnknownName(f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}")
         scene = self.scenes[stimulus.scene]
-        figures = measured(render(scene, self.motion, self.fs, self.seconds, dict(stimulus.params), stimulus.seed), self.measure)
+        motion = {name: self.motion[name] for name in scene.inputs if name in self.motion}
+        figures = measured(_again(scene, motion, self.fs, self.seconds, stimulus), self.measure)
         if not self.figure and len(figures) > 1:
             raise BadValue(f"Listener: the measure has several figures, {', '.join(figures)}: name one as figure")
         if self.figure and self.figure not in figures:
@@ -190,6 +194,25 @@ class Listener:
         return felt["comparison"] > felt["standard"]
 
 
+@lru_cache(maxsize=64)
+def _compiled(scene: Scene, fs: float) -> Processor:
+    return Processor(scene, fs)
+
+
+def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimulus) -> Rendering:
+    """``render`` of a stimulus, its scene compiled at the first time only."""
+    proc = _compiled(scene, fs)
+    proc.reset(stimulus.seed)
+    for name, value in stimulus.params.items():
+        proc.set(name, value, ramp=0.0)
+    frames = frames_of(seconds, fs)
+    x = positions(sources_of(motion, proc.inputs, frames), 0, frames, fs)
+    y = proc.process(x)
+    return Rendering(
+        scene, fs, stimulus.seed, dict(proc.params), y, proc.outputs, proc.fault, dict(zip(proc.inputs, x, strict=True))
+    )
+
+
 def _answer(trial: Trial, more: bool) -> Answer:
     """The choice that counts for more, or for less."""
     for choice, score in trial.scores.items():
@@ -215,7 +238,7 @@ def simulate(
     observer: Observer | Mapping[str, Observer],
     participants: int | Sequence[str],
     *,
-    session: int = 1,
+    session: int | None = None,
     seed: int = 0,
     workers: int | None = 1,
     progress: bool = True,
@@ -229,7 +252,8 @@ def simulate(
         ``observer(trial, rng) -> Answer``: one for all, or each participant's own.
     participants : int or sequence of str
         How many (P01, P02, ..), or their codes.
-    session : int
+    session : int, optional
+        One of them only; by default all ``experiment.sessions``.
     seed : int
         Of the observers; each participant draws from their own stream.
     workers : int or None
@@ -240,8 +264,8 @@ def simulate(
     Returns
     -------
     dict of str to list
-        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level`` and ``outcome``; training
-        is left out.  The same on every run and with any number of workers.
+        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level``, ``outcome``, and each
+        question by its name; training is left out.  The same on every run and with any number of workers.
 
     Raises
     ------
@@ -275,7 +299,9 @@ def simulate(
         raise BadValue("simulate: there must be at least one participant")
     if isinstance(observer, Mapping) and (alone := [c for c in codes if c not in observer]):
         raise UnknownName(f"simulate: no observer for {alone[0]}; there are {', '.join(observer)}")
-    each = [(experiment, observer[c] if isinstance(observer, Mapping) else observer, c, session, seed) for c in codes]
+    mine = [observer[c] if isinstance(observer, Mapping) else observer for c in codes]
+    numbers = range(1, experiment.sessions + 1) if session is None else [session]
+    each = [(experiment, who, c, number, seed) for c, who in zip(codes, mine, strict=True) for number in numbers]
     if workers == 1:
         jobs: list[tuple] = each
         run: Callable[..., list[tuple]] = _participant
@@ -283,11 +309,12 @@ def simulate(
         dumps = package("cloudpickle", "simulate in several processes", "'stimlib[sweep]'").dumps
         jobs, run = [(dumps(job),) for job in each], _unpacked
     rows = []
-    with bar("simulating", len(codes), progress) as advance, spread(run, jobs, workers) as results:
+    with bar("simulating", len(each), progress) as advance, spread(run, jobs, workers) as results:
         for found in results:
             rows += found
             advance(1)
-    return {name: list(column) for name, column in zip(COLUMNS, zip(*rows, strict=True), strict=True)}
+    names = *COLUMNS, *(q.name for q in experiment.questions)
+    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
 
 def _unpacked(data: bytes) -> list[tuple]:
@@ -297,13 +324,14 @@ def _unpacked(data: bytes) -> list[tuple]:
 
 
 def _participant(experiment: Experiment, observer: Observer, code: str, session: int, seed: int) -> list[tuple]:
-    """The trials of one participant."""
+    """The trials of one participant's session."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
     rows = []
     for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):
         experiment.check(trial)
         if not trial.training:
-            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer)))
+            asked = (answer.values.get(q.name) for q in experiment.questions)
+            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer), *asked))
     return rows
 
 

@@ -154,6 +154,12 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
     return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
 
 
+def _moves(experiment: Experiment, scene: Scene) -> Any:
+    """Of motions by input those that this trial's scene has."""
+    m = experiment.motion
+    return {name: m[name] for name in scene.inputs if name in m} if isinstance(m, Mapping) else m
+
+
 # Sinks by name -------------------------------------------------------------------------------------------------------
 def _offline(scene: Scene, safety: Safety, **options: Any) -> Sink:
     return NullSink(scene, safety, clocked=False, **options)
@@ -220,7 +226,7 @@ def present(
     if log is not None:
         Path(log).parent.mkdir(parents=True, exist_ok=True)
         to = log if sink != "file" else LogWriter(log, header(scene, safety, experiment.fs, seed=seed, params=params), True)
-    with SINKS[sink](scene, safety, motion=experiment.motion, seed=seed, params=params, log=to, **options) as playing:
+    with SINKS[sink](scene, safety, motion=_moves(experiment, scene), seed=seed, params=params, log=to, **options) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
         if experiment.hand is not None:

@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .experiment import Experiment
 from .present import present
 from .questions import Question
 from .session import Session
@@ -75,7 +74,7 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
         return
     if e.instructions:
         face.tell(e.instructions)
-    _familiarise(e, session.seed, trial, face, show)
+    _familiarise(session, trial, face, show)
     while (trial := session.due()) is not None:
         if (seconds := session.rest(trial)) > 0:
             face.rest(seconds)
@@ -86,14 +85,15 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
     face.tell("That was the last one. Thank you.")
 
 
-def _familiarise(e: Experiment, seed: int, due: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> None:
+def _familiarise(session: Session, due: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> None:
     """Stimuli at will, before the first trial and where a session is resumed; nothing of it counts."""
+    familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
-        name = face.pick(list(e.familiarisation)) if e.familiarisation else None
+        name = face.pick(list(familiar)) if familiar else None
         if name is None:
             return
-        known = e.familiarisation[name]
-        stimulus = Stimulus(known.scene, known.params, seed_of(seed, "familiarisation", n), name)
+        known = familiar[name]
+        stimulus = Stimulus(known.scene, known.params, seed_of(session.seed, "familiarisation", n), name)
         show(Trial("familiarisation", (stimulus,), due.questions), "familiarisation")
 
 

@@ -18,7 +18,8 @@ from .trial import Stimulus, Trial
 class Task(Protocol):
     """Makes trials of one condition."""
 
-    condition: str
+    @property
+    def condition(self) -> str: ...
 
     def trial(self, level: Any, seed: int, n: int) -> Trial: ...
 
@@ -108,12 +109,12 @@ class Identify:
             raise BadValue(f"Identify {self.condition!r}: give two stimuli, by their choices; got {list(self.stimuli)}")
 
     def trial(self, level: str, seed: int, n: int) -> Trial:
-        """The stimulus of this name."""
+        """The stimulus of this name; the trial's level is 1 for the signal, else 0."""
         if level not in self.stimuli:
             raise UnknownName(f"Identify {self.condition!r}: no stimulus {level!r}; there are {', '.join(self.stimuli)}")
         shown = dc.replace(self.stimuli[level], name=level, seed=seed_of(seed, "noise", self.condition, n))
         scores = {c: 1.0 - i for i, c in enumerate(self.stimuli)}
-        return Trial(self.condition, (shown,), (self.question,), scores=scores, correct={self.question: level})
+        return Trial(self.condition, (shown,), (self.question,), scores[level], scores=scores, correct={self.question: level})
 
 
 @dc.dataclass(frozen=True)

@@ -77,7 +77,7 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     "words, says",
     [
         (["run", "{}:number", "--participant", "P1"], "is a int, no Experiment|there is no 'number'"),
-        (["run", "nothing", "--participant", "P1"], "write FILE.py:NAME"),
+        (["run", "nothing", "--participant", "P1"], "write FILE.py:NAME, or one of ugrip, bounciness, roughness, nodules"),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
         (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink jak: choose one of null, offline"),
         (["run", "{}:short", "--participant", "P1", "--device", "x"], "null has no device"),

@@ -1,0 +1,252 @@
+"""How finely is bounciness felt?  The first experiment of Çaldıran's thesis, chapter 3.
+
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import pi
+
+import numpy as np
+
+from ..analysis.cues import cues
+from ..core.scene import Scene
+from ..errors import BadValue
+from ..motion.generators import sinusoid
+from ..run.rendering import render
+from ..run.safety import Safety
+from ..scenes import viscoelastic
+from .designs import Listed, Parts, turn_of
+from .detection import detection
+from .experiment import Cursor, Experiment, Timing
+from .questions import choice
+from .saved import columns
+from .scaling import Line, jnd_from_dprime, line
+from .tables import Columns, grouped
+from .tasks import Identify
+from .trial import Answer, Observer, Stimulus, Trial
+
+REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
+ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
+SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
+"""Table 3.1: a row for each place in the order, a column for each participant."""
+STEP = 0.05  # of alpha; ours: the thesis shows the increments in figure 3.1 and prints no number
+PAIRS = {f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)}
+"""Orders alpha of the reference and of the comparison, by condition."""
+HAND = {"y": sinusoid(0.01, 1.0)}  # of a simulated hand that follows the reference; its amplitude is ours
+
+
+def bounciness() -> Experiment:
+    """The experiment: one interval, which of the two known materials was it?
+
+    Twelve sessions of 120 trials, one for each reference and comparison, in the order of a Graeco-Latin square.  The first ten
+    trials of each half are for training.
+
+    Returns
+    -------
+    Experiment
+        Its ``observer`` feels the phase of the rendered force, see `person`; its ``analysis`` is `jnds`.
+
+    References
+    ----------
+    Çaldıran's thesis, sections 3.1 to 3.7.  Ours: increments of alpha, amplitude of the movement, length of the break.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.bounciness import bounciness
+    >>> experiment = bounciness()
+    >>> for n in (1, 2, 3, 4):
+    ...     design = experiment.designed("P02", n)
+    ...     print(design.next(design.init(seed=1)).condition)
+    0.25 and 0.4
+    0.25 and 0.35
+    0.25 and 0.3
+    0 and 0.15
+    """
+    return Experiment(
+        name="bounciness",
+        version="1",
+        scenes={f"{alpha:g}": viscoelastic(alpha) for pair in PAIRS.values() for alpha in pair},
+        design=session,
+        questions=(choice("bouncier", "Was it the bouncier one (red) or the other (green)?", "red", "green", keys="rg"),),
+        fs=1000.0,
+        safety=Safety(full_scale=20.0),
+        motion=HAND,
+        timing=Timing(interval=3.0),
+        familiarisation=known,
+        sessions=12,
+        cursor=Cursor("y", 0.01, 1.0),
+        instructions="Follow the cursor. Then say which of the two materials it was.",
+        observer=person(),
+        analysis=lambda sessions: text(jnds(columns(sessions))),
+    )
+
+
+def pair_of(participant: str, session: int) -> str:
+    """The condition of a session: table 3.1 has the reference, the Latin letter the order of its comparisons.
+
+    Raises
+    ------
+    BadValue
+        A session beyond 1 to 12; a participant without a number.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.bounciness import pair_of
+    >>> [pair_of("P01", n) for n in (1, 2, 3, 4)]
+    ['0 and 0.05', '0 and 0.1', '0 and 0.15', '0.25 and 0.35']
+    """
+    if not 1 <= session <= 12:
+        raise BadValue(f"bounciness: session {session}: there are 12, one for each reference and comparison")
+    letters = SQUARE[(session - 1) // 3].split()[turn_of(participant, 4)]
+    alpha = REFERENCES[letters[0]]
+    return f"{alpha:g} and {alpha + ORDERS[letters[1]][(session - 1) % 3] * STEP:g}"
+
+
+def known(participant: str, session: int) -> Mapping[str, Stimulus]:
+    """The two stimuli of a session, by the colour that stands for them."""
+    reference, comparison = PAIRS[pair_of(participant, session)]
+    return {"green": Stimulus(f"{comparison:g}"), "red": Stimulus(f"{reference:g}")}
+
+
+def session(participant: str, session: int) -> Parts:
+    """Two halves with a break, of ten trials for training and 50 that count; half of each are the reference."""
+    task = Identify(pair_of(participant, session), "bouncier", known(participant, session))
+    both = (task, "red"), (task, "green")
+    half = Parts({"training": Listed(both, 5, training=True), "test": Listed(both, 25)})
+    return Parts({"first half": half, "second half": half}, pause=60.0)
+
+
+# Who answers -----------------------------------------------------------------------------------------------------------
+JNDS = {
+    0.0: 0.03,
+    0.25: 0.0351,
+    0.5: 0.0714,
+    0.75: 0.1077,
+}  # 0.1452 alpha - 0.0012, section 3.9; of a spring: ours, from fig. 3.6
+
+
+@cache
+def phase(alpha: float) -> float:
+    """By how much the rendered force of a material leads displacement, in rad; alpha pi/2 once it has forgotten its beginning.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.bounciness import phase
+    >>> round(phase(0.25), 3)
+    0.393
+    """
+    scene: Scene = viscoelastic(alpha)
+    force = render(scene, HAND, 1000.0, 3.0)["force"]
+    return cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0).phi
+
+
+def person(felt: Callable[[float], float] = phase) -> Observer:
+    """Somebody who knows both materials of a session, and feels the phase with an error of the JND that the thesis found.
+
+    Parameters
+    ----------
+    felt : callable
+        Phase in rad of the material of an order alpha.
+
+    Returns
+    -------
+    callable
+        An observer: says green where the phase is nearer to the comparison's.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        reference, comparison = PAIRS[trial.condition]
+        error = JNDS[reference] * pi / 2 * rng.normal()
+        middle = (felt(reference) + felt(comparison)) / 2
+        return Answer({"bouncier": "green" if felt(float(trial.stimuli[0].scene)) + error > middle else "red"})
+
+    return answers
+
+
+# What they answered ----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Jnds:
+    """The result of the thesis, figure 3.6.
+
+    Attributes
+    ----------
+    d : dict of (participant, reference) to tuple of float
+        d' of the three comparisons.
+    jnd : dict of float to float
+        By reference: one over the mean of all slopes d'/(difference of alpha).
+    line : Line
+        Of the JNDs over the references above 0.
+    """
+
+    d: Mapping[tuple[str, float], tuple[float, ...]]
+    jnd: Mapping[float, float]
+    line: Line
+
+
+def jnds(answers: Columns) -> Jnds:
+    """d' of each pair, the just-noticeable difference of each reference, and its line.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them; trials for training are
+        left out.
+
+    Returns
+    -------
+    Jnds
+
+    Raises
+    ------
+    BadValue
+        A session is missing: all need all twelve.
+
+    References
+    ----------
+    Çaldıran's thesis, section 3.7.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    d: dict[tuple[str, str], float] = {}
+    for (who, condition), rows in grouped(answers, ("participant", "condition")).items():
+        counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
+        training = rows.get("training", [False] * len(rows["level"]))
+        for level, outcome, left_out in zip(rows["level"], rows["outcome"], training, strict=True):
+            if not left_out:
+                counts[level][0] += int(outcome)
+                counts[level][1] += 1
+        (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
+        d[who, condition] = detection(hits, signals, alarms, noises).d
+    people = list(dict.fromkeys(who for who, _ in d))
+    if missing := [(who, c) for who in people for c in PAIRS if (who, c) not in d]:
+        raise BadValue(f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are needed")
+    steps = [n * STEP for n in (1, 2, 3)]
+    each = {
+        (who, a): tuple(d[who, c] for c, (first, _) in PAIRS.items() if first == a) for who in people for a in REFERENCES.values()
+    }
+    jnd = {a: jnd_from_dprime([each[who, a] for who in people], steps) for a in REFERENCES.values()}
+    above = [a for a in jnd if a > 0]
+    return Jnds(each, jnd, line(above, [jnd[a] for a in above]))
+
+
+def text(found: Jnds) -> str:
+    """The result as lines for a terminal, beside what the thesis prints.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    lines = [f"alpha = {a:<4g}  JND {jnd:.4f}" for a, jnd in found.jnd.items()]
+    fit = found.line
+    lines.append(f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452 alpha -0.0012, R2 = 0.998")
+    return "\n".join(lines)

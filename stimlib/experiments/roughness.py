@@ -1,0 +1,258 @@
+"""How rough are bumps on a touch screen?  The touch-screen thesis' experiment, chapters 4 to 6.
+
+"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen"; see docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations, product
+from math import log10
+
+import numpy as np
+
+from ..core.scene import Scene
+from ..errors import BadValue
+from ..motion.generators import constant_speed
+from ..run.rendering import render
+from ..run.safety import Safety
+from ..scenes import bumps, bumps_set
+from .compare import Effect, paired, repeated
+from .designs import Listed, Parts
+from .experiment import Experiment, Masking, Timing
+from .questions import rating
+from .saved import columns
+from .scaling import Law, fechner
+from .tables import Columns, grouped
+from .tasks import Show
+from .trial import Answer, Observer, Stimulus, Trial
+
+WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = ("sine", "square", "sawtooth"), (2, 6, 18), (0.2, 0.5, 0.8), (0.5, 4.0, 7.5)
+FACTORS = {"waveform": WAVEFORMS, "bumps": BUMPS, "duty": DUTIES, "amplitude": AMPLITUDES}
+STIMULI = {f"{s.waveform}, {s.bumps} bumps, duty {s.duty:g}, {s.amplitude:g} V": s for s in bumps_set()}
+Cell = tuple[float, float, str]
+"""Amplitude, duty, waveform: of the number of bumps the RMS does not depend."""
+CELLS = tuple(product(AMPLITUDES, DUTIES, WAVEFORMS))
+PRINTED = dict(
+    zip(
+        product(DUTIES, AMPLITUDES, WAVEFORMS),
+        zip(
+            [0.08, 0.11, 0.06, 0.65, 0.89, 0.44, 1.23, 1.66, 0.83, 0.13, 0.18, 0.10, 1, 1.41, 0.80, 1.88, 2.64, 1.51]
+            + [0.15, 0.22, 0.12, 1.18, 1.79, 0.99, 2.21, 3.35, 1.85],
+            [2.04, 1.93, 1.42, 3.77, 3.46, 3.04, 3.92, 3.95, 3.68, 1.84, 1.89, 1.63, 3.96, 4.30, 3.73, 4.34, 4.91, 4.27]
+            + [1.82, 1.95, 1.80, 4.40, 4.82, 3.98, 5.03, 5.15, 4.68],
+            strict=True,
+        ),
+        strict=True,
+    )
+)
+"""Tables 6.1 and 6.2: RMS in V and mean roughness by duty, amplitude and waveform, printed row by row."""
+HAND = {"x": constant_speed(0.1, 0.1)}  # of a simulated finger, back and forth over the 10 cm; its speed is ours
+FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
+
+
+def roughness() -> Experiment:
+    """The experiment: 81 stimuli, four times each, rated from smooth to rough and from flat to bumpy.
+
+    Two days with two sets each, the first after 48 trials for training; one replay of each trial; white noise meanwhile.
+
+    Returns
+    -------
+    Experiment
+        Its ``observer`` goes by the RMS of the rendered voltage, see `person`; its ``analysis`` is `ratings`.
+
+    References
+    ----------
+    The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Ours: the 48 for training, and **an order of its own for each
+    participant**: the thesis' one order for all confounds stimuli with drift.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.roughness import roughness
+    >>> experiment = roughness()
+    >>> for code in ("P01", "P02"):
+    ...     design = experiment.designed(code, session=2)
+    ...     print(design.next(design.init(experiment.seeded(code, 2))).condition)
+    sine, 18 bumps, duty 0.5, 4 V
+    sine, 2 bumps, duty 0.5, 4 V
+    """
+    return Experiment(
+        name="roughness",
+        version="1",
+        scenes={f"{waveform} {n}": bumps(waveform, n) for waveform in WAVEFORMS for n in BUMPS},
+        design=day,
+        questions=(
+            rating("roughness", "How rough was it?", "smooth", "rough"),
+            rating("bumpiness", "How bumpy was it?", "flat", "bumpy"),
+        ),
+        fs=FS,
+        safety=Safety(full_scale=400.0),
+        motion=HAND,
+        timing=Timing(interval=SECONDS),
+        sessions=2,
+        replays=1,
+        masking=Masking(),
+        instructions="Move your finger back and forth. There is no right answer: say what fits best.",
+        observer=person(),
+        analysis=lambda sessions: text(ratings(columns(sessions))),
+    )
+
+
+def day(participant: str, session: int) -> Parts:
+    """Two sets of all stimuli, on the first day after training."""
+    items = tuple(
+        (Show(name, ("roughness", "bumpiness"), Stimulus(f"{s.waveform} {s.bumps}", {"duty": s.duty, "A": s.amplitude})), None)
+        for name, s in STIMULI.items()
+    )
+    training = Listed(tuple(items[k * 81 // 48] for k in range(48)), training=True)
+    sets = Listed(items, repeats=2, shuffle="each")
+    return Parts({"training": training, "sets": sets} if session == 1 else {"sets": sets})
+
+
+# Who answers -----------------------------------------------------------------------------------------------------------
+@cache
+def rms(name: str) -> float:
+    """RMS of a stimulus in V before the amplifier, eq. (18), of the voltage as it is rendered for the moving finger.
+
+    Parameters
+    ----------
+    name : str
+        Of ``STIMULI``.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.roughness import rms
+    >>> round(rms("square, 6 bumps, duty 0.5, 4 V"), 2)  # A sqrt(d)/2
+    1.41
+    """
+    s = STIMULI[name]
+    scene: Scene = bumps(s.waveform, s.bumps)
+    voltage = render(scene, HAND, FS, SECONDS, {"duty": s.duty, "A": s.amplitude})["voltage"]
+    return float(np.sqrt(np.mean(voltage**2))) / GAIN
+
+
+def person(rng: np.random.Generator | None = None) -> Observer:
+    """Somebody who goes by the RMS: roughness 3.92 + 2.25 log10(RMS/V), bumpiness by the amplitude alone, both with errors.
+
+    Parameters
+    ----------
+    rng : Generator, optional
+        Draws a level of its own for each participant; None is the mean.
+
+    Returns
+    -------
+    callable
+        An observer.  Roughness is Fechner's law of the thesis' own tables; more bumps are rougher where the amplitude is 4 V or
+        more, as figure 6.2 has it.  The sizes of this, of the errors and of bumpiness are ours.
+    """
+    own = 0.0 if rng is None else 0.5 * rng.normal()
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        s = STIMULI[trial.condition]
+        more = 0.6 * log10(s.bumps / 6) if s.amplitude >= 4 else 0.0
+        rough = 3.92 + 2.25 * log10(rms(trial.condition)) + more + own + 0.8 * rng.normal()
+        bumpy = 3.9 + 2.0 * log10(s.amplitude / 4) + own + 0.8 * rng.normal()
+        return Answer({name: int(np.clip(round(v), 1, 7)) for name, v in (("roughness", rough), ("bumpiness", bumpy))})
+
+    return answers
+
+
+# What they answered ----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Ratings:
+    """The result of the thesis.
+
+    Attributes
+    ----------
+    rms, mean, sd : dict of Cell to float
+        Table 6.1 as rendered (V), and table 6.2: mean and standard deviation over people and numbers of bumps.
+    effects : tuple of Effect
+        Four-way analysis of variance within people; main effects come first.
+    pairs : dict of (factor, level, level) to float
+        p of paired t tests of people's means, times 3 (Bonferroni), at most 1.
+    pearson : float
+        Correlation of mean and RMS over the 27 cells.
+    law : Law
+        Fechner's, of the same.
+    """
+
+    rms: Mapping[Cell, float]
+    mean: Mapping[Cell, float]
+    sd: Mapping[Cell, float]
+    effects: tuple[Effect, ...]
+    pairs: Mapping[tuple[str, str, str], float]
+    pearson: float
+    law: Law
+
+
+def ratings(answers: Columns, question: str = "outcome") -> Ratings:
+    """The thesis' tables and tests of one question.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        As `stimlib.experiments.saved.columns` gives them, or `stimlib.experiments.observers.simulate`; trials for training are
+        left out.
+    question : str
+        Its column: ``"outcome"`` is that of the first question, roughness.
+
+    Returns
+    -------
+    Ratings
+
+    Raises
+    ------
+    BadValue
+        A participant has not rated all 81 stimuli; one participant only.
+    UnknownName
+        No such column.
+
+    References
+    ----------
+    The touch-screen thesis, chapters 5 and 6, eq. (18).
+    """
+    y = _means(answers, question)
+    effects = repeated(y, list(FACTORS))
+    pairs = {}
+    for axis, (factor, levels) in enumerate(FACTORS.items(), 1):
+        by = y.mean(axis=tuple({1, 2, 3, 4} - {axis}))
+        for i, j in combinations(range(3), 2):
+            pairs[factor, str(levels[i]), str(levels[j])] = min(1.0, 3 * paired(by[:, i], by[:, j]).p)
+    middle = y.mean(axis=(0, 2)), y.std(axis=(0, 2), ddof=1)
+    at = [(WAVEFORMS.index(w), DUTIES.index(d), AMPLITUDES.index(a)) for a, d, w in CELLS]
+    mean, sd = ({c: float(v[k]) for c, k in zip(CELLS, at, strict=True)} for v in middle)
+    power = {(a, d, w): rms(f"{w}, 6 bumps, duty {d:g}, {a:g} V") for a, d, w in CELLS}
+    x, r = np.array(list(power.values())), np.array(list(mean.values()))
+    return Ratings(power, mean, sd, effects, pairs, float(np.corrcoef(x, r)[0, 1]), fechner(x, r))
+
+
+def _means(answers: Columns, question: str) -> np.ndarray:
+    """Mean rating of each participant and stimulus: shape (participants, waveform, bumps, duty, amplitude)."""
+    rows = grouped({**answers, "training": answers.get("training", [False] * len(answers["condition"]))}, ("training",))
+    found = grouped(rows.get((False,), {**answers}), ("participant", "condition", question))
+    sums: dict[tuple[str, str], list[float]] = {}
+    for (who, name, value), same in found.items():
+        sums.setdefault((who, name), []).extend([value] * len(same["condition"]))
+    people = list(dict.fromkeys(who for who, _ in sums))
+    if missing := [(who, name) for who in people for name in STIMULI if (who, name) not in sums]:
+        raise BadValue(f"roughness: {missing[0][0]} has not rated {missing[0][1]}: all 81 stimuli are needed")
+    return np.array([[np.mean(sums[who, name]) for name in STIMULI] for who in people]).reshape(-1, 3, 3, 3, 3)
+
+
+def text(found: Ratings) -> str:
+    """Tables and tests as lines for a terminal, beside what the thesis prints."""
+    lines = ["A, V  duty  waveform  RMS, V (printed)  roughness (printed)"]
+    for a, d, w in CELLS:
+        printed, cell = PRINTED[d, a, w], (a, d, w)
+        lines.append(
+            f"{a:<4g}  {d:<4g}  {w:<8}  {found.rms[cell]:.2f} ({printed[0]:.2f})      "
+            f"{found.mean[cell]:.2f} +- {found.sd[cell]:.2f} ({printed[1]:.2f})"
+        )
+    for e in found.effects[:4]:
+        lines.append(f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g} (Greenhouse-Geisser)")
+    lines += [f"{factor} {a} and {b}: p = {p:.2g} (paired t, Bonferroni)" for (factor, a, b), p in found.pairs.items()]
+    fit = found.law
+    law = f"{fit.line.intercept:.2f} + {fit.line.slope:.2f} log10(RMS/V), R2 = {fit.r2:.3f}"
+    return "\n".join([*lines, f"roughness = {law}; Pearson {found.pearson:.3f}"])

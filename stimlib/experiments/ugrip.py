@@ -1,0 +1,276 @@
+"""Does vibration make an object feel softer?  The UGrip paper's experiment, section 2.
+
+"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..motion.generators import minimum_jerk
+from ..run.rendering import Rendering
+from ..run.safety import Safety
+from ..scenes import squeeze
+from ..sweep import measure
+from ..sweep.measures import Measure
+from .compare import anova, paired
+from .designs import Interleaved, Parts, Staircase
+from .experiment import Experiment, Timing
+from .fits import Fit
+from .observers import Listener
+from .questions import choice
+from .saved import columns
+from .tables import Columns, fitted
+from .tasks import Pair
+from .trial import Answer, Observer, Stimulus, Trial
+
+K0 = 2000.0  # N/m, of the standard, which does not vibrate
+A0 = 3.4  # gain of the vibration
+BOUNDS = K0 / 8, 8 * K0  # ours: they protect the hand, and no observer who attends comes near
+FINGERS = {"one finger": 1, "two fingers": 2}
+VIBRATION = {"silent": 0.0, "vibrating": A0}
+SQUEEZES = {f"x{n}": minimum_jerk(depth=0.005) for n in FINGERS.values()}  # ours, of a simulated hand
+TIMING = Timing(interval=3.0, gap=0.5)  # ours: with it 300 trials and six minutes of rest take the paper's 45 minutes
+
+
+def ugrip(reversals: int = 20) -> Experiment:
+    """The experiment: four pairs of interleaved staircases, which of two objects is softer?
+
+    One pair for each of one or two fingers, with and without vibration of the comparison: 64 staircases of 8 participants,
+    and 32 fits.
+
+    Parameters
+    ----------
+    reversals : int
+        Of each staircase.
+
+    Returns
+    -------
+    Experiment
+        Its ``observer`` feels the rendered forces, see `feels`; its ``analysis`` is `comparisons`.
+
+    Raises
+    ------
+    BadValue
+        No reversals.
+
+    References
+    ----------
+    The UGrip paper, sections 2.1 to 2.3.  Ours: bounds, length of an interval, gap, and the movement of a simulated hand.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.ugrip import ugrip
+    >>> design = ugrip().designed("P01")
+    >>> trial = design.next(design.init(seed=1))
+    >>> trial.condition, trial.track, [{k: round(v) for k, v in s.params.items()} for s in trial.stimuli]
+    ('one finger, silent', 'one finger, silent low', [{'A': 0, 'k': 924}, {'k': 2000, 'A': 0}])
+    """
+    return Experiment(
+        name="ugrip",
+        version="1",
+        scenes={scene: squeeze(fingers=n) for scene, n in FINGERS.items()},
+        design=Parts(
+            {f"{fingers}, {name}": _pair(fingers, name, reversals) for fingers in FINGERS for name in VIBRATION},
+            pause=120.0,
+            shuffle=True,
+        ),
+        questions=(choice("softer", "Which one was softer, the first or the second?", "first", "second"),),
+        fs=8000.0,
+        safety=Safety(full_scale=100.0, peak=100.0, static=37.0),
+        bounds={"k": BOUNDS},
+        motion=SQUEEZES,
+        timing=TIMING,
+        instructions="Squeeze both objects. Then say which one was softer, or less stiff.",
+        observer=person(),
+        analysis=lambda sessions: text(comparisons(columns(sessions))),
+    )
+
+
+def _pair(scene: str, name: str, reversals: int) -> Interleaved:
+    """A staircase from above and one from below, of one condition."""
+    standard, comparison = Stimulus(scene, {"k": K0, "A": 0.0}), Stimulus(scene, {"A": VIBRATION[name]})
+    task = Pair(f"{scene}, {name}", "softer", standard, comparison, varies="k", asks_less=True)
+    starts = {"high": (2 * K0, 2.5 * K0), "low": (K0 / 2.5, K0 / 2)}
+    return Interleaved({track: Staircase(task, start, BOUNDS, reversals=reversals) for track, start in starts.items()})
+
+
+# Who answers -----------------------------------------------------------------------------------------------------------
+SPREAD = {"one finger": 1 / 7.9, "two fingers": 1 / 17.5}  # of log10 k: the slopes without vibration, section 2.3
+SOFTER = {"one finger": 316.0, "two fingers": 0.0}  # a point of subjective equality of 2.34 N/mm for one finger
+
+
+def feels(softer: float) -> Measure:
+    """Stiffness as somebody feels it who takes vibration for displacement, as the paper's discussion has it.
+
+    k = sum(F x)/sum(x x), less by the factor 1 + softer rms(F - k x)/rms(k x).
+
+    Parameters
+    ----------
+    softer : float
+        0 for somebody whom vibration does not deceive.
+
+    Returns
+    -------
+    Measure
+        ``stiffness`` in N/m, of a rendering of `stimlib.scenes.squeeze`.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.experiments.ugrip import SQUEEZES, feels
+    >>> from stimlib.sweep import measured
+    >>> object = stimlib.render(stimlib.scenes.squeeze(A=0.0), SQUEEZES, fs=8000, seconds=1.0, params={"k": 1500.0})
+    >>> {name: round(v, 6) for name, v in measured(object, feels(316.0)).items()}
+    {'stiffness': 1500.0}
+    """
+
+    @measure("N/m", prepare=lambda x, fs: np.stack(list(x.values())))
+    def stiffness(rendering: Rendering, x: np.ndarray) -> float:
+        k = np.sum(rendering.y * x) / np.sum(x * x)
+        vibration = np.sqrt(np.mean((rendering.y - k * x) ** 2) / np.mean((k * x) ** 2))
+        return float(k / (1 + softer * vibration))
+
+    return stiffness
+
+
+def person(rng: np.random.Generator | None = None) -> Observer:
+    """Somebody who compares felt stiffness, log10, with an error of each interval.
+
+    Parameters
+    ----------
+    rng : Generator, optional
+        Draws how much vibration deceives, with a standard deviation of 0.8 of the mean: one of ten feels the contrary (of the
+        paper's eight two did).  None is the mean.
+
+    Returns
+    -------
+    callable
+        An observer, as `stimlib.experiments.observers.simulate` takes it.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_ugrip`.
+    """
+    much = 1.0 if rng is None else 1 + 0.8 * rng.normal()
+    each = {}
+    for name, n in FINGERS.items():
+        scenes, error = {name: squeeze(fingers=n)}, SPREAD[name] / 2**0.5
+        each[name] = Listener(scenes, SQUEEZES, 8000.0, TIMING.interval, feels(much * SOFTER[name]), error, log=True)
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        return each[trial.stimuli[0].scene](trial, rng)
+
+    return answers
+
+
+# What they answered ----------------------------------------------------------------------------------------------------
+QUESTIONS = (
+    ("pse", "one finger, silent", "one finger, vibrating", "2.02, 2.34: F > 5.6, p < .03"),
+    ("slope", "one finger, silent", "one finger, vibrating", "F = 2.0, p > .17"),
+    ("intercept", "one finger, silent", "one finger, vibrating", "F = 1.57, p > .23"),
+    ("pse", "two fingers, silent", "two fingers, vibrating", "F = 2.0, p > .15"),
+    ("slope", "two fingers, silent", "two fingers, vibrating", "F < .1, p > .5"),
+    ("intercept", "two fingers, silent", "two fingers, vibrating", "F = .05, p > .8"),
+    ("pse", "one finger, silent", "two fingers, silent", "F > 2.3, p > .15"),
+    ("slope", "one finger, silent", "two fingers, silent", "7.9, 17.5: F = 4.7, p < .05"),
+)
+"""Section 2.3, in its order: what is compared, of which conditions, and what is printed."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A comparison of two conditions.
+
+    Attributes
+    ----------
+    what, a, b : str
+        "pse" (N/mm), "slope" or "intercept" of the probit over log10(k / (N/mm)), and the conditions.
+    mean_a, mean_b : float
+    people : int
+        With a fit in both.
+    F, p : float
+        Within people, F(1, n - 1).
+    F_as_printed, p_as_printed : float
+        Of the same numbers taken for those of different people, F(1, 2n - 2): what the paper's pairs of F and p fit.
+    printed : str
+        In the paper.
+    """
+
+    what: str
+    a: str
+    b: str
+    mean_a: float
+    mean_b: float
+    people: int
+    F: float
+    p: float
+    F_as_printed: float
+    p_as_printed: float
+    printed: str
+
+
+def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], Fit]:
+    """The 32 psychometric functions, probit over log10 of the comparison's stiffness in N/mm, by participant and condition.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them.
+    interval : {"profile", "bootstrap", "none"}
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_ugrip`.
+    """
+    return fitted({**answers, "level": [level / 1000 for level in answers["level"]]}, log=True, interval=interval)
+
+
+def comparisons(answers: Columns) -> tuple[Comparison, ...]:
+    """The comparisons of section 2.3, in its order.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        As `fits`; at least two participants with fits in both conditions of each comparison.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        As `stimlib.experiments.compare.paired` and `fits`.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_ugrip`.
+    """
+    found = fits(answers, interval="none")
+    people = list(dict.fromkeys(answers["participant"]))
+
+    def test(what: str, a: str, b: str, printed: str) -> Comparison:
+        pairs = np.array([[getattr(found[who, c], what) for c in (a, b)] for who in people])
+        x, y = pairs[np.isfinite(pairs).all(axis=1)].T
+        within, between = paired(x, y), anova({a: x, b: y})
+        return Comparison(what, a, b, x.mean(), y.mean(), x.size, within.value**2, within.p, between.value, between.p, printed)
+
+    return tuple(test(*asked) for asked in QUESTIONS)
+
+
+def text(rows: Iterable[Comparison]) -> str:
+    """The comparisons as lines for a terminal.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.ugrip import Comparison, text
+    >>> one = Comparison("pse", "one finger, silent", "one finger, vibrating", 2.0, 2.3, 8, 9.0, 0.02, 6.0, 0.03, "F > 5.6")
+    >>> print(text([one]))
+    pse        one finger, silent     2.00  one finger, vibrating  2.30  F(1, 7) =  9.00, p = .020  paper: F > 5.6
+    """
+    return "\n".join(
+        f"{r.what:<9}  {r.a:<21} {r.mean_a:5.2f}  {r.b:<21} {r.mean_b:5.2f}  F(1, {r.people - 1}) = {r.F:5.2f}, "
+        f"p = {f'{r.p:.3f}'.lstrip('0')}  paper: {r.printed}"
+        for r in rows
+    )
