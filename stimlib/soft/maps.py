@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..blocks.stiffness import Levels, table_of
 from ..core import bounds, regular
+from ..core.graph import design_value
 from ..errors import BadValue
 
 BLOCK = 0.12
@@ -22,6 +23,8 @@ DEPTH = 0.0125
 """Of the nodules' centres in m: half-way down; ours."""
 RADII = {"A": 0.006, "B": 0.005, "C": 0.004}
 """Of the nodules in m; the source says that A > B > C, the numbers are ours."""
+SMALLEST = 1e-9
+"""Radius of a ball in m."""
 SIDES: dict[str, float | None] = {"A1": RADII["A"], "B1": RADII["B"], "C1": RADII["C"], "none": None}
 """What may be under one side of the surface: the radius of a nodule in m, or None."""
 THIRTEEN = tuple((a, b) for a in SIDES for b in SIDES if a != b or a == "none")
@@ -71,7 +74,8 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
     Raises
     ------
     BadValue
-        No PNG file, or a damaged one; more pixels than ``limits.map_points``; a size not above 0.
+        No PNG file, or a damaged one; fewer than two rows or columns, or more pixels than ``limits.map_points``; a size not
+        above 0.
 
     Examples
     --------
@@ -85,6 +89,7 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
            [0. , 0. ]]), width=0.01, height=0.02)
     """
     from matplotlib.image import imread
+    from PIL import Image
 
     data = regular.read(path, "sidecar_bytes", BadValue)
     if data[:8] != b"\x89PNG\r\n\x1a\n" or len(data) < 24:
@@ -92,12 +97,18 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
     columns, rows = struct.unpack(">II", data[16:24])
     bounds.limits.check("map_points", rows * columns, f"{path}: pixels; make the picture smaller")
     try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as png:  # which decodes nothing yet
+            if png.size != (columns, rows):
+                raise ValueError("its first header is not the one that counts")
         pixels = np.asarray(imread(io.BytesIO(data), format="png"), float)
     except Exception as e:  # whatever a decoder finds in a damaged file
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
     grey = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] > 2 else 1].mean(axis=2)
+    if min(grey.shape) < 2:
+        raise BadValue(f"{path}: a map needs two rows and two columns of pixels at least; this picture has {rows} and {columns}")
+    width = design_value(f"{path}: width", "float", width)
     if height is None:
-        height = width * (grey.shape[0] - 1) / max(grey.shape[1] - 1, 1)
+        height = width * (rows - 1) / (columns - 1)
     return table_of(str(path), np.clip(grey[::-1], 0.0, 1.0), width, height)
 
 
@@ -123,8 +134,8 @@ def nodules(
     Raises
     ------
     BadValue
-        A ball without room below the surface (radius above depth), or not of 3 or 4 numbers; sizes not above 0; an unknown shape;
-        more levels than ``limits.map_points``.
+        A ball without room below the surface (radius above depth), below 1 nm, or not of 3 or 4 numbers; sizes not above 0; an
+        unknown shape; more levels than ``limits.map_points``.
 
     References
     ----------
@@ -137,13 +148,9 @@ def nodules(
     >>> S.levels.shape, float(S.levels[30, 30])
     ((61, 61), 1.0)
     """
-    for name, v in (("width", width), ("height", height), ("spacing", spacing)):
-        if not v > 0:
-            raise BadValue(f"nodules: {name} = {v!r} must be above 0")
     if shape not in ("ball", "gaussian"):
         raise BadValue(f"nodules: shape = {shape!r}; choose one of ball, gaussian")
-    columns, rows = (max(2, math.ceil(v / spacing - 1e-9) + 1) for v in (width, height))
-    bounds.limits.check("map_points", rows * columns, "nodules: levels of the map; take a larger spacing")
+    rows, columns = (max(2, n) for n in nodes("nodules", width, height, spacing))
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     clear = np.ones((rows, columns))
     for ball in balls:
@@ -154,12 +161,24 @@ def nodules(
     return table_of("nodules", 1 - clear, width, height)
 
 
+def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, int]:
+    """Rows and columns of a grid over a rectangle; BadValue unless its sizes make sense."""
+    for what, v in (("width", width), ("height", height), ("spacing", spacing)):
+        if not design_value(f"{name}: {what}", "float", v) > 0:
+            raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
+    rows, columns = (float(np.ceil(v / spacing - 1e-9)) + 1 for v in (height, width))  # inf where there is no end
+    bounds.limits.check("map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing")
+    return int(rows), int(columns)
+
+
 def _ball(ball: Any) -> tuple[float, float, float, float]:
     try:
         x, y, b, z = (float(v) for v in (*ball, *((DEPTH,) if len(ball) == 3 else ())))
     except (TypeError, ValueError):
         raise BadValue(f"nodules: {ball!r:.100} is not x, y, radius and, if wanted, depth, in m") from None
-    if not (0 < b <= z and math.isfinite(x + y + z)):
+    if not (b >= SMALLEST and all(abs(v) <= 1 / SMALLEST for v in (x, y, z))):  # whose powers are numbers
+        raise BadValue(f"nodules: a ball at {x:g}, {y:g} of radius {b:g}, {z:g} m deep: take numbers in m, radius 1 nm at least")
+    if b > z:
         raise BadValue(f"nodules: a ball of radius {b:g} m needs its centre that deep at least, not {z:g} m")
     return x, y, b, z
 
@@ -188,7 +207,7 @@ def sides(left: str, right: str) -> Levels:
     (13, array([1., 0.]))
     """
     for name in (left, right):
-        if name not in SIDES:
+        if name not in tuple(SIDES):
             raise BadValue(f"sides: {name!r}; choose one of {', '.join(SIDES)}")
     found = ((x, SIDES[name]) for x, name in ((0.03, left), (0.09, right)))
     return nodules([(x, 0.06, b) for x, b in found if b is not None])
@@ -219,6 +238,7 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
     >>> S.levels[45, 30].round(2), S.levels.max().round(2)  # A
     (np.float64(1.0), np.float64(1.0))
     """
+    turn = design_value("block: turn", "float", turn)
     angles = (turn + math.pi / 2 + i * 2 * math.pi / 3 for i in range(3))
     middle = BLOCK / 2
     places = ((middle + 0.03 * math.cos(a), middle + 0.03 * math.sin(a)) for a in angles)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-import math
 import os
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +14,13 @@ from numpy.typing import NDArray
 
 from ..blocks.indenter import deformation
 from ..core import bounds, regular
-from ..core.graph import Input
+from ..core.graph import Input, design_value
 from ..core.progress import progress
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
-from .maps import BLOCK
+from .maps import BLOCK, nodes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +28,8 @@ if TYPE_CHECKING:
 RADIUS = 0.005
 """Of an indenter, in m; ours."""
 AVATARS = "#2060c0", "#d03030", "#e8c020"  # "blue, red, and yellow dots"
+FASTEST = 50
+"""Pictures per second of a GIF: it counts in 1/100 s, and browsers slow down what shows a picture for less than two."""
 SKIN = np.array([0.95, 0.84, 0.76])
 LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degrees high
 
@@ -83,15 +83,16 @@ def surface(
     >>> (1000 * h[12, 12:17]).round(2) + 0.0
     array([-7.5 , -6.83, -2.5 , -1.25,  0.  ])
     """
+    if not design_value("surface: radius", "float", radius) > 0:
+        raise BadValue(f"surface: radius = {radius!r} m must be above 0")
     spacing = radius / 2 if spacing is None else spacing
-    for name, v in (("width", width), ("height", height), ("spacing", spacing)):
-        if not v > 0:
-            raise BadValue(f"surface: {name} = {v!r} must be above 0")
-    at = np.array([*indenters], float).reshape(-1, 3) if _threes(indenters) else np.full((1, 3), np.nan)
-    if not np.isfinite(at).all():
+    rows, columns = nodes("surface", width, height, spacing)
+    try:
+        at = np.array([*indenters] or np.empty((0, 3)), float)
+    except (TypeError, ValueError, OverflowError):
+        at = np.array(np.nan)
+    if at.shape[1:] != (3,) or not np.isfinite(at).all():
         raise BadValue("surface: an indenter is x, y and depth, three finite numbers in m")
-    columns, rows = (math.ceil(v / spacing - 1e-9) + 1 for v in (width, height))
-    bounds.limits.check("map_points", rows * columns, "surface: nodes; take a larger spacing")
     if not at.size:
         return np.zeros((rows, columns))
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
@@ -101,10 +102,6 @@ def surface(
     given = {f"rho{i}": row for i, row in enumerate(rho)} | {f"depth{i}": 0 * rho[0] + d for i, d in enumerate(at[:, 2])}
     proc = _dents(len(at), float(radius), join)
     return -proc.process(np.array([given[name] for name in proc.inputs]))[0].reshape(rows, columns)
-
-
-def _threes(indenters: Any) -> bool:
-    return all(np.shape(i) == (3,) for i in indenters)
 
 
 def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
@@ -205,7 +202,7 @@ def picture(
 def _sample(result: Rendering, name: str, seconds: float) -> int:
     """The sample of a rendering at a time."""
     last = (result.y.shape[1] - 1) / result.fs
-    if not 0 <= seconds <= last + 0.5 / result.fs:
+    if not 0 <= design_value(name, "float", seconds) <= last + 0.5 / result.fs:
         raise BadValue(f"{name} = {seconds!r} s is outside the rendering, which is 0 to {last:g} s")
     return min(round(seconds * result.fs), result.y.shape[1] - 1)
 
@@ -231,7 +228,7 @@ def film(
     path : path
         ``.gif``, whole or not at all; without a suffix a folder, which gets ``frame_0000.png`` and so on.
     fps : float
-        Pictures per second.
+        Pictures per second, of a GIF 50 at most; the film takes as long as the movement did, to 1/100 s.
     start, stop : float
         In s; by default all of it.
     width, height, radius, join
@@ -247,8 +244,8 @@ def film(
     Raises
     ------
     BadValue
-        Another suffix, times outside the rendering, fps not above 0, what ``picture`` refuses; a GIF with more in memory than
-        ``limits.render_bytes``.
+        Another suffix, times outside the rendering or in the wrong order, fps not above 0 or more than a GIF has, what
+        ``picture`` refuses; pictures that would take more than ``limits.render_bytes``.
     SinkError
         Where nothing can be written.
 
@@ -261,7 +258,6 @@ def film(
     >>> film(stimlib.render(soft_surface("deformation"), hand, fs=1000), "soft.gif", fps=20)
     2
     """
-    from matplotlib.animation import PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -270,34 +266,54 @@ def film(
         raise BadValue(
             f"film: {path} ends in {path.suffix!r}; write a .gif, or PNG files into a folder, whose name has no suffix"
         )
-    if not fps > 0:
-        raise BadValue(f"film: fps = {fps!r} must be above 0")
-    first = _sample(result, "start", start)
-    last = result.y.shape[1] - 1 if stop is None else _sample(result, "stop", stop)
-    samples = [round(k) for k in np.arange(first, last + 1, result.fs / fps)]
+    samples = _samples(result, fps, start, stop)
+    if path.suffix and fps > FASTEST:
+        raise BadValue(f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; take fewer, or write into a folder")
     figure = Figure(figsize=(4.8, 3.6), dpi=100)
-    FigureCanvasAgg(figure)
+    canvas = FigureCanvasAgg(figure)
     axes = _axes(figure)
-    bounds.limits.check("render_bytes", 480 * 360 * 4.0 * len(samples), f"film: bytes of {len(samples)} pictures in memory")
 
     def pictures():
         with progress("film", len(samples), progress_bar) as done:
             for k in samples:
                 _draw(axes, _indenters(result, k), width, height, radius, join)
-                yield
+                canvas.draw()
+                yield np.array(canvas.buffer_rgba())[..., :3]
                 done(1)
 
     if path.suffix:
-        with tempfile.TemporaryDirectory() as folder:
-            writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # which divides by it
-            with writer.saving(figure, f"{folder}/film.gif", dpi=100):
-                for _ in pictures():
-                    writer.grab_frame()
-            regular.publish(path, Path(folder, "film.gif").read_bytes())
+        regular.publish(path, _gif(pictures(), fps))
     else:
         regular.make_folder(path)
-        for i, _ in enumerate(pictures()):
-            data = io.BytesIO()
-            figure.savefig(data, format="png")
-            regular.publish(path / f"frame_{i:04d}.png", data.getvalue())
+        for i, pixels in enumerate(pictures()):
+            regular.publish(path / f"frame_{i:04d}.png", _coded([pixels], "PNG"))
     return len(samples)
+
+
+def _samples(result: Rendering, fps: float, start: float, stop: float | None) -> list[int]:
+    """The samples that a film shows."""
+    if not design_value("film: fps", "float", fps) > 0:
+        raise BadValue(f"film: fps = {fps!r} must be above 0")
+    first = _sample(result, "start", start)
+    last = result.y.shape[1] - 1 if stop is None else _sample(result, "stop", stop)
+    if last < first:
+        raise BadValue(f"film: stop = {stop!r} s is before start = {start!r} s")
+    count = float(np.floor((last - first) / result.fs * fps + 1e-9)) + 1
+    bounds.limits.check("render_bytes", 480 * 360 * 4.0 * count, f"film: bytes of {count:g} pictures in memory")
+    return [first + round(i * result.fs / fps) for i in range(int(count))]
+
+
+def _gif(pictures: Iterable[NDArray[np.uint8]], fps: float) -> bytes:
+    """A film of RGB pictures that keeps time: a GIF counts in 1/100 s, so what one picture lacks the next one gets."""
+    shown = [*pictures]
+    ticks = np.rint(np.arange(len(shown) + 1) * 100 / fps).astype(int)
+    return _coded(shown, "GIF", save_all=True, loop=0, duration=[10 * int(n) for n in np.diff(ticks)])
+
+
+def _coded(pictures: list[NDArray[np.uint8]], kind: str, **words: Any) -> bytes:
+    from PIL import Image
+
+    first, *rest = (Image.fromarray(pixels) for pixels in pictures)
+    data = io.BytesIO()
+    first.save(data, kind, **({"append_images": rest} | words if rest else words))
+    return data.getvalue()

@@ -73,7 +73,16 @@ def test_pictures(tmp_path):
     (tmp_path / "cut.png").write_bytes(png[:48])
     (tmp_path / "huge.png").write_bytes(png[:16] + struct.pack(">II", 10**5, 10**5) + png[24:])
     (tmp_path / "text.png").write_text("S")
-    for name, says in {"cut": "damaged", "huge": "limits.map_points", "text": "no PNG file", "none": "none.png"}.items():
+    (tmp_path / "twice.png").write_bytes(png[:33] + chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 2, 16, 0, 0, 0, 0)) + png[33:])
+    imsave(tmp_path / "one.png", np.zeros((1, 1)))
+    for name, says in {
+        "cut": "damaged",
+        "twice": "first header",
+        "one": "two rows and two columns",
+        "huge": "limits.map_points",
+        "text": "no PNG file",
+        "none": "none.png",
+    }.items():
         with pytest.raises(BadValue, match=says):
             image(tmp_path / f"{name}.png")
 
@@ -90,7 +99,12 @@ def test_pictures(tmp_path):
         (lambda: nodules([(0.1, 0.1, "b")]), "x, y, radius"),
         (lambda: nodules([(0.1, 0.1, 0.01, 0.009)]), "that deep at least"),
         (lambda: nodules([(np.nan, 0.1, 0.004)]), "nodules: a ball"),
+        (lambda: nodules([(0.1, 0.1, 1e-200, 1e-200)]), "1 nm"),
+        (lambda: nodules([(0.1, 0.1, 0.1, 1e300)]), "1 nm"),
         (lambda: nodules([], spacing=0.0), "spacing"),
+        (lambda: nodules([], width=np.inf), "nodules: width"),
+        (lambda: nodules([], spacing="2 mm"), "nodules: spacing"),
+        (lambda: block(np.inf), "block: turn"),
         (lambda: nodules([], spacing=1e-4), "larger spacing"),
         (lambda: nodules([], shape="cube"), "ball, gaussian"),
         (lambda: sides("A1", "D1"), "A1, B1, C1, none"),

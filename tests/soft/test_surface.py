@@ -54,9 +54,27 @@ def test_films(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"a.gif", "frames"}
 
 
+def test_a_film_takes_as_long_as_the_movement(tmp_path):
+    from PIL import Image
+
+    assert film(RESULT, tmp_path / "a.gif", fps=30, stop=0.1, **SMALL) == 4
+    with Image.open(tmp_path / "a.gif") as gif:
+        shown = [(gif.seek(i), gif.info["duration"])[1] for i in range(gif.n_frames)]
+    assert shown == [30, 40, 30, 30]  # a GIF counts in 10 ms; the sum is 4/30 s to one of them
+    brief = stimlib.render(RESULT.scene, {name: x[:2] for name, x in HAND.items()}, fs=100)
+    assert film(brief, tmp_path / "frames", fps=60, **SMALL) == 1  # the next would be sample 1.67, which there is not
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
+        (lambda: surface([("a", 0, 0)]), "three finite numbers"),
+        (lambda: surface([(0, 0, 1)], width=np.inf), "surface: width"),
+        (lambda: surface([(0, 0, 1)], spacing=1e-320), "limits.map_points"),
+        (lambda: surface([(0, 0, 1)], radius=0.0), "radius = 0.0"),
+        (lambda: film(RESULT, "a.gif", fps=60), "50 pictures a second"),
+        (lambda: film(RESULT, "a", fps=1e300), "limits.render_bytes"),
+        (lambda: film(RESULT, "a", start=0.2, stop=0.1), "before start"),
         (lambda: surface([(0, 0)]), "three finite numbers"),
         (lambda: surface([(0, 0, np.nan)]), "three finite numbers"),
         (lambda: surface([(0, 0, 1)], spacing=1e-5), "limits.map_points"),
