@@ -21,7 +21,7 @@ def press(level, contact: Block | None = None) -> Block:
     Parameters
     ----------
     level : Block
-        0 to 1.
+        0 to 1, above which it counts as 1: the exponential would make 30 kN of a tablet that is scaled wrongly by three.
     contact : Block, optional
         Where it is not above 0 the force is 0; by default that is where the level is not.  The formula is never 0; ours.
 
@@ -44,11 +44,11 @@ def press(level, contact: Block | None = None) -> Block:
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import press
     >>> proc = stimlib.compile(stimlib.Scene({"f": press(stimlib.Input("level"))}), fs=1000)
-    >>> proc.process(np.array([[0.0, 0.25, 0.5, 1.0]])).round(4)
-    array([[0.    , 0.2886, 0.8265, 6.7767]])
+    >>> proc.process(np.array([[0.0, 0.25, 0.5, 1.0, 3.0]])).round(4)
+    array([[0.    , 0.2886, 0.8265, 6.7767, 6.7767]])
     """
     level = as_block(level)
-    return where(level if contact is None else contact, constant(0.1008, "N") * exp(4.2081 * level), 0.0)
+    return where(level if contact is None else contact, constant(0.1008, "N") * exp(4.2081 * minimum(level, 1.0)), 0.0)
 
 
 def indentation(force, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015) -> Block:

@@ -160,7 +160,7 @@ def soft_surface(e: Evidence) -> list[Check]:
     table, width, height = table_of(next(b for b in blocks if isinstance(b, (CubicGrid, Cursor, CursorFrames))))
     e.numbers.append(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
     S = levels(table, width, height)
-    force = np.where(on, 0.1008 * np.exp(4.2081 * rows["press"]) if pen else live(e, "push"), 0.0)
+    force = np.where(on, 0.1008 * np.exp(4.2081 * np.minimum(rows["press"], 1.0)) if pen else live(e, "push"), 0.0)
     checks = [_near(e, "force", got["force"], force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
     checks += _triangle(e, got, hand) if "x3" in got else _avatar(e, got, blocks, S, hand, on)
     for i in range(1, 4):

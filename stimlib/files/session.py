@@ -372,7 +372,7 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
 
     data = fields.parse(line)
     at, kind = data.pop("at", None), data.pop("kind", None)
-    need(COUNT(at), f"'at' must be a sample index, not {str(at)[:40]}")
+    need(COUNT(at), f"'at' must be a sample index, not {at!r:.40}")
     need(fields.text(kind), "'kind' must be a text")
     need(kind == kind[:100], "'kind' is too long")
     fields.require(data, EVENTS.get(kind, {}))

@@ -82,8 +82,9 @@ def soft_surface(
             raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")
     if mode == "vibration" and device == "mouse":
         raise BadValue("soft_surface: a mouse has no vibration; take device='pen'")
-    if not tangent > 0:
-        raise BadValue(f"soft_surface: tangent = {tangent!r} must be above 0")
+    for name, number in (("push", push), ("tangent", tangent), ("side", side)):
+        if not number > 0:
+            raise BadValue(f"soft_surface: {name} = {number!r} must be above 0")
     S = block() if S is None else as_levels("soft_surface", S)
     x, y = Input("x", "m"), Input("y", "m")
     touching: Block = Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)

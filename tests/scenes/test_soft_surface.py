@@ -117,6 +117,8 @@ def test_a_saved_scene_is_the_same(tmp_path):
         ({"device": "touch"}, "pen, mouse"),
         ({"mode": "vibration", "device": "mouse"}, "no vibration"),
         ({"tangent": 0.0}, "tangent"),
+        ({"push": -1.0}, "push"),
+        ({"side": 0.0}, "side"),
         ({"mode": "multipoint", "side": 0.0}, "side"),
         ({"S": ([[0, 2], [0, 0]], 0.1, 0.1)}, "0 to 1"),
     ],
