@@ -95,7 +95,7 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
         pixels = np.asarray(imread(io.BytesIO(data), format="png"), float)
     except Exception as e:  # whatever a decoder finds in a damaged file
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
-    grey = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] > 2 else 1].mean(axis=2)
+    grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)
     if height is None:
         height = width * (grey.shape[0] - 1) / max(grey.shape[1] - 1, 1)
     return table_of(str(path), np.clip(grey[::-1], 0.0, 1.0), width, height)
@@ -142,7 +142,7 @@ def nodules(
             raise BadValue(f"nodules: {name} = {v!r} must be above 0")
     if shape not in ("ball", "gaussian"):
         raise BadValue(f"nodules: shape = {shape!r}; choose one of ball, gaussian")
-    columns, rows = (max(2, math.ceil(v / spacing - 1e-9) + 1) for v in (width, height))
+    columns, rows = (math.ceil(v / spacing - 1e-9) + 1 for v in (width, height))
     bounds.limits.check("map_points", rows * columns, "nodules: levels of the map; take a larger spacing")
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     clear = np.ones((rows, columns))
