@@ -411,6 +411,9 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
         (tmp_path / "a" / "sweep.json").write_text(text)
         with pytest.raises(SinkError, match="damaged"):
             sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+    (tmp_path / "a" / "sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 2}))
+    with pytest.raises(SinkError, match="is of version 2"):
+        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
 
 
 def test_two_sweeps_do_not_write_into_one_folder(tmp_path):

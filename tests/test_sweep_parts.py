@@ -70,6 +70,31 @@ def test_a_job_that_dies_is_halved_down_to_the_row_that_ends_it():
     assert engine.died.count(1) == DEATHS and engine.died[0] > 1
 
 
+def test_jobs_grow_where_rows_are_quicker_than_was_thought():
+    """1 s each was thought, 0.5 s is seen: 3 s of work are 3 rows, then at 0.75 s 4 of them."""
+    sizes = []
+
+    class Timed(Here):
+        def take(self):
+            job, (data, _), text = super().take()
+            sizes.append(job.rows.num_rows)
+            return job, (data, 0.5 * job.rows.num_rows), text
+
+    rows, plan, motions = prepared({"k": np.arange(1.0, 41.0)})
+    with Store(None, {}, {}) as store:
+        drive(plan, rows, store, Timed(Runner(plan, motions)), 1.0, lambda done: None)
+    assert sizes[:2] == [3, 4] and sum(sizes) == 40
+
+
+def test_a_part_is_written_as_soon_as_it_is_large(tmp_path, monkeypatch):
+    monkeypatch.setattr("stimlib.sweep.store.LARGEST", 2)
+    monkeypatch.setattr("stimlib.sweep.store.EVERY", 1e9)
+    with Store(tmp_path, {"key": "k"}, {"units": {}, "motion": {}}) as store:
+        for parts in (0, 1, 1):
+            store.add(pa.table({"k": [float(store.rows)]}))
+            assert len(list(tmp_path.glob("*.parquet"))) == parts
+
+
 def test_a_job_in_a_process_of_its_own_gives_its_figures_in_the_order_of_its_rows(monkeypatch):
     table, plan, motions = prepared({"k": [7.0, 5.0, 1.0, 3.0]})
     monkeypatch.setattr(engines, "Local", lambda plan, motions, workers: Fragile(Runner(plan, motions)))

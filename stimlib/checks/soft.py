@@ -104,7 +104,7 @@ def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b
     for k in range(n):
         if on[k]:
             first = k == 0 or not on[k - 1]
-            stop = 0.0 if first else min(owed, 1.0)
+            stop = min(owed, 1.0)
             owed = 0.0 if first else owed - stop
             lag = 0.0 if first else min(max(lag + stop - (1 - stop) * b.catch_up, 0.0), most)
             i = k - math.ceil(lag)

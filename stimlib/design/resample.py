@@ -33,7 +33,7 @@ def resampled(x: np.ndarray, ratio: float) -> np.ndarray:
     if ratio == 1:
         return x.copy()
     low = min(1.0, ratio)  # the lower rate, of both
-    reach = min(int(np.ceil(HALF / low)), max(HALF, x.size))  # beyond x there is nothing
+    reach = min(int(np.ceil(HALF / low)), x.size)  # beyond x there is nothing
     y = np.empty(int(np.ceil(x.size * ratio)))
     padded = np.concatenate([np.zeros(reach), x, np.zeros(reach + 1)])
     k = np.arange(-reach + 1, reach + 1)

@@ -103,7 +103,7 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
         pixels = np.asarray(imread(io.BytesIO(data), format="png"), float)
     except Exception as e:  # whatever a decoder finds in a damaged file
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
-    grey = pixels if pixels.ndim == 2 else pixels[..., : 3 if pixels.shape[2] > 2 else 1].mean(axis=2)
+    grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)
     if min(grey.shape) < 2:
         raise BadValue(f"{path}: a map needs two rows and two columns of pixels at least; this picture has {rows} and {columns}")
     width = design_value(f"{path}: width", "float", width)
@@ -150,7 +150,7 @@ def nodules(
     """
     if shape not in ("ball", "gaussian"):
         raise BadValue(f"nodules: shape = {shape!r}; choose one of ball, gaussian")
-    rows, columns = (max(2, n) for n in nodes("nodules", width, height, spacing))
+    rows, columns = nodes("nodules", width, height, spacing)
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     clear = np.ones((rows, columns))
     for ball in balls:

@@ -164,6 +164,31 @@ def test_a_ring_whose_frequency_moves_only_decays():
         assert np.hypot(s.re, s.im) <= before * (1 + 1e-15)
 
 
+def test_a_ring_is_held_within_its_limits_and_sounds_until_both_its_parts_are_silent():
+    from stimlib.blocks.transients import Ring, RingState
+
+    p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1000.0)
+
+    def after(freq, decay):
+        return Ring.step(p, RingState(0.3, 0.4), 1.0, freq, decay)
+
+    assert after(-20.0, 0.01) == after(0.0, 0.01) and after(700.0, 0.01) == after(500.0, 0.01)
+    assert after(100.0, 0.0) == after(100.0, -1.0) == after(100.0, 0.001) != after(100.0, 0.002)
+    assert np.isnan([after(np.nan, 0.01)[0], after(100.0, np.nan)[0]]).all()
+    assert Ring.step(p, RingState(0.0, 1.0), 0.0, 100.0, 0.01)[0] > 0
+
+
+def test_a_decay_that_moves_alone_is_taken_at_every_sample():
+    from stimlib.blocks.transients import Ring, RingState
+
+    p, _ = b.ring(E, 100.0, Input("d", "s")).design(1000.0)
+    y, decay, s = np.empty(6), np.repeat([0.01, 0.002], 3), RingState(0.3, 0.4)
+    Ring.tile(p, s, np.zeros(6), np.full(6, 100.0), decay, y)
+    for got, d in zip(y, decay, strict=True):
+        want, s = Ring.step(p, s, 0.0, 100.0, d)
+        assert got == want
+
+
 @pytest.mark.parametrize("rate", [0.0, 0.002, 0.3])
 def test_grains_overlap_and_silence_is_zero(rate):
     rng = np.random.default_rng(2)

@@ -12,7 +12,7 @@ from stimlib import blocks as b
 from stimlib.blocks.filters import Filter
 from stimlib.checks.verify import verify
 from stimlib.design import responses
-from stimlib.design.sections import KINDS, ORDERS
+from stimlib.design.sections import KINDS, ORDERS, designed
 
 X = Input("x")
 
@@ -111,12 +111,22 @@ def test_sections_given_by_scipy_do_what_they_do_there():
 
 def test_latency_is_the_group_delay_in_the_middle_of_what_passes():
     outputs = {"low": b.lowpass(X, 50, 4), "band": b.bandpass(X, 100, 300, 3), "rings": b.resonator(X, 158, 9.0)}
+    outputs["leaks"] = b.integrate(X, 3000.0)
     middle = np.arctan(np.sqrt(np.tan(np.pi * 100 / 8000) * np.tan(np.pi * 300 / 8000))) * 8000 / np.pi
-    proc = stimlib.compile(Scene(outputs), 8000)
-    for name, f in (("low", 0.0), ("band", middle), ("rings", 158.0)):
+    proc = stimlib.compile(Scene(outputs), 8000, "python")
+    for name, f in (("low", 0.0), ("band", middle), ("rings", 158.0), ("leaks", 0.0)):
         step = 1e-3
         turn = np.angle(np.divide(*proc.response(name, "x", np.array([f - step, f + step])))) / (2 * np.pi * 2 * step)
         assert abs(proc.latency[name, "x"][0] / 8000 - turn) < 1e-6 * turn
+
+
+def test_poles_that_nearly_meet_are_two_and_the_sharpest_run_last():
+    t = np.tan(np.pi * 0.01)
+    edges = 0.01, np.arctan(far := t * (3 + 8**0.5) * (1 - 1e-8)) / np.pi  # 1e-8 more, and both are real
+    ((_, (_, _, product)),) = designed("bandpass", edges, 1, "butterworth", 1.0, 60.0)
+    assert float(product) == pytest.approx(t * far, rel=1e-12)
+    quality = [float(d0) ** 0.5 / float(d1) for _, (_, d1, d0) in designed("bandpass", (0.01, 0.03), 5, "elliptic", 1.0, 60.0)]
+    assert quality == sorted(quality)
 
 
 def test_filtered_noise_is_proven():
@@ -144,6 +154,7 @@ def test_filtered_noise_is_proven():
         (lambda: b.sos(X, [[1, 0, 0, 1, 0, 0]] * 13), r"got shape \(13, 6\)"),
         (lambda: b.sos(X, [[1, 0, 0, 1, -2.1, 1.2]]), "section 0 is not stable"),
         (lambda: b.sos(X, [[1, 0, 0, 1, 0, 0], [1, 0, 0, 1, -1, 0]]), "section 1 is not stable"),
+        (lambda: b.sos(X, [[1, 0, 0, -1, 1, 0]]), "section 0 is not stable"),
         (lambda: b.resonator(X, 0, 2), "Resonator.freq = 0.0 must be above 0"),
         (lambda: b.svf(X, 100, mode="low"), "mode = 'low'; choose one of lowpass"),
         (lambda: b.svf(X, Param("f", -3.0, "Hz")), "cutoff = -3.0 must be above 0"),
@@ -228,6 +239,24 @@ def test_a_cutoff_that_sweeps_at_audio_rate_stays_bounded(wave):
     assert proc.fault is None and 1 < np.abs(y).max() < 50 and np.abs(y[-1000:]).max() < 1e-9
 
 
+def test_a_live_filter_is_held_within_its_limits_and_takes_each_sample_s_numbers():
+    from stimlib.blocks.svf import LEAST, Svf, SvfState
+
+    p, start = b.svf(X, Input("f", "Hz"), Input("q")).design(1000.0)[0], SvfState(0.3, 0.4)
+
+    def after(cutoff, q):
+        return Svf.step(p, start, 1.0, cutoff, q)
+
+    assert LEAST == 1e-3 and after(100.0, -1.0) == after(100.0, 0.001) != after(100.0, 0.002)
+    assert after(-20.0, 1.0) == after(0.0, 1.0) and after(700.0, 1.0) == after(500.0, 1.0)
+    assert np.isnan([after(np.nan, 1.0)[0], after(100.0, np.nan)[0]]).all()
+    y, q, s = np.empty(6), np.repeat([1.0, 5.0], 3), start
+    Svf.tile(p, s, np.ones(6), np.full(6, 100.0), q, y)  # where q moves alone
+    for got, k in zip(y, q, strict=True):
+        want, s = Svf.step(p, s, 1.0, 100.0, k)
+        assert got == want
+
+
 # Sums and levels ------------------------------------------------------------------------------------------------------
 def test_an_integral_is_exact_for_straight_lines_and_after_hours():
     assert stimlib.compile(Scene({"y": b.integrate(1.0)}), 4).process(np.empty((0, 2)))[0].tolist() == [0.125, 0.375]
@@ -244,6 +273,12 @@ def test_an_integral_is_exact_for_straight_lines_and_after_hours():
         t = np.arange(8) / fs
         coarse = stimlib.compile(Scene({"y": b.integrate(X, leak)}), fs).process(t[None])[0]
         np.testing.assert_allclose(coarse, t / leak - -np.expm1(-leak * t) / leak**2, rtol=1e-12)
+
+
+def test_a_mean_is_of_the_nearest_number_of_samples():
+    for seconds, n in ((0.0026, 3), (0.0024, 2)):
+        y = stimlib.compile(Scene({"y": b.moving_average(X, seconds)}), 1000, "python").process(np.eye(1, 4))[0]
+        np.testing.assert_allclose(y, np.where(np.arange(4) < n, 1 / n, 0.0), rtol=1e-15)
 
 
 def test_a_level_rises_and_falls_with_its_time_constants():

@@ -67,12 +67,37 @@ def test_the_cursor_of_frames_takes_its_steps_in_frames():
     near(1000 * x[3], 6 - 0.3 * 4 / (15 / 56))
 
 
+def test_a_cursor_of_frames_has_a_highest_speed_and_begins_anew_after_a_lift():
+    def path(touch, way, **words):
+        place = b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004, **words).x
+        proc, rows = stimlib.compile(Scene({"x": place}), 1000, "python"), {"touch": touch, "x": way}
+        return 1000 * proc.process(np.array([rows[name] for name in proc.inputs]))[0]
+
+    way = np.repeat([6, 2, 3], 4) * 1e-3
+    near(path(np.ones(12), way, bounds=(0.3, 1.2)), np.repeat([6, 2, 3.2], 4), 1e-9)  # eq. (1) alone: 10/7
+    touch, way = np.ones(16), np.repeat([0, 6, 4, 5], [4, 6, 1, 5]) * 1e-3
+    touch[9] = 0.0  # after a frame at the speed 0.3125; then the next frame is 4 samples after the new start
+    near(path(touch, way), np.repeat([0, 6, 4, 5], [4, 6, 4, 2]), 1e-9)
+
+
+def test_frames_do_not_make_up_for_those_that_a_state_from_elsewhere_missed():
+    for block in (
+        b.cursor(X, ZERO, RAMP, "frames", frame=0.004),
+        b.delay_avatar(X, ZERO, constant(1.0, "N"), "frames", frame=0.004),
+    ):
+        p, s = block.design(1000.0)
+        force = [0.0] * (block.outputs[2:] != ())
+        assert block.step(p, s._replace(left=-1e9, cold=0.0), 0.0, 0.0, *force, 1.0)[1].left == 2.5
+
+
 def test_the_ratio_and_the_mid_point():
     near(ratio(np.array([0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.75, 0.9, 1])),
         [1, 100/121, 15/22, 5/11, 4/11, 25/88, 2/11, 20/209, 1/22])  # fmt: skip
     p = np.cumsum([0, 1, 1, 2, 4, -4, -2, -1, -1]) * 1e-3
     path = 1000 * run({"x": b.cursor(X, ZERO, RAMP).x}, p)[0]
     near(path, [0, 0.916361, 1.695821, 2.973171, 4.829973, 2.973171, 1.695821, 0.916361, 0])
+    across = b.cursor(ZERO, Y, (np.transpose(RAMP[0]), 0.01, 0.01)).y
+    near(1000 * stimlib.compile(Scene({"y": across}), 1000, "python").process(p[None])[0], path, 1e-12)
 
 
 BUMP_X = np.linspace(-0.03, 0.03, 97)
@@ -164,6 +189,16 @@ def test_eq_3_streaming():
     near(1000 * waits[waits > 0], [75, 100, 200, 75])
 
 
+def test_an_avatar_is_where_the_device_was_up_to_the_longest_lag():
+    """Of 10.5 samples, by one rise; a device at 1 m/s."""
+    force = constant(10.0, "N") * (X > constant(0.0195, "m"))
+    a = b.delay_avatar(X, ZERO, force, most=0.0105, catch_up=1e-9)
+    proc, n = stimlib.compile(Scene({"x": a.x, "lag": a.lag}), 1000, "python"), np.arange(45)
+    x, lag = 1000 * proc.process(1e-3 * n[None])
+    near(lag, np.clip(n - 20, 0, 10.5), 1e-6)
+    near(x, n - lag, 1e-9)
+
+
 def test_the_avatar_never_jumps():
     """A step of 0.2 N at 20 mm, 100 mm/s, 100 Hz."""
     a = b.delay_avatar(X, ZERO, constant(0.2, "N") * (X > constant(0.0195, "m")))
@@ -231,6 +266,19 @@ def test_the_four_ranges():
         near(got[8:], got[:8], 1e-9)
 
 
+def test_a_dent_is_the_same_on_both_sides_and_none_where_there_is_no_number():
+    dent = b.deformation(Input("a", "m"), Input("b", "m"))
+    p, _ = dent.design(1000.0)
+    assert dent.step(p, (), -0.0075, 0.0075)[0] == dent.step(p, (), 0.0075, 0.0075)[0] == pytest.approx(0.00125)
+    assert np.isnan([dent.step(p, (), np.nan, 0.0075)[0], dent.step(p, (), 0.0075, np.nan)[0]]).all()
+
+
+def test_half_a_sample_of_vibration_is_one():
+    motor = b.vibration(Input("w", "s"))
+    p, s = motor.design(500.0)
+    assert motor.step(p, s, 0.001)[0] == 1.0 and motor.step(p, s, 0.0)[0] == 0.0
+
+
 def test_overlaps():
     x = 1e-3 * np.array([20, 25, 27.5, 30, 32.5, 40])  # between indenters of 15 mm at 20 and 40 mm
     rho = [abs(X - constant(c, "m")) for c in (0.02, 0.04)]
@@ -251,6 +299,7 @@ def test_three_on_a_triangle():
     ("make", "says"),
     [
         (lambda: b.stiffness_map(X, Y, ([[0, 1.5], [0, 1]], 1.0, 1.0)), "levels must be 0 to 1"),
+        (lambda: b.stiffness_map(X, Y, ([[0, -0.1], [0, 1]], 1.0, 1.0)), "levels must be 0 to 1"),
         (lambda: b.stiffness_map(X, Y, ([[0, np.nan], [0, 1]], 1.0, 1.0)), "not finite"),
         (lambda: b.stiffness_map(X, Y, ([0, 1], 1.0, 1.0)), "two rows and columns"),
         (lambda: b.stiffness_map(X, Y, (np.zeros((1001, 1001)), 1.0, 1.0)), "limits.map_points"),
@@ -259,6 +308,7 @@ def test_three_on_a_triangle():
         (lambda: b.cursor(X, Y, RAMP, "frames", bounds=0.1), "slowest and the fastest"),
         (lambda: b.cursor(X, Y, RAMP, "newton"), "choose one of reversible, frames"),
         (lambda: b.cursor(X, Y, RAMP, "frames", bounds=(1.5, 2.0)), "not within bounds"),
+        (lambda: b.cursor(X, Y, RAMP, "frames", bounds=(0.1, 0.9)), "not within bounds"),
         (lambda: b.cursor(X, Y, RAMP, "frames", frame=0.0), "frame"),
         (lambda: b.delay_avatar(X, Y, constant(1.0, "N"), "frame"), "choose one of streaming, frames"),
         (lambda: b.delay_avatar(X, Y, constant(1.0, "N"), notice=-0.1), "notice"),

@@ -1,5 +1,7 @@
 """The soft surface of Li et al. (2016): what each mode shows, that verify proves it and would notice, and a recorded pen."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hands import DATA
@@ -8,6 +10,7 @@ import stimlib
 from stimlib import BadValue
 from stimlib.blocks.avatar import DelayAvatar, FrameAvatar, Vibration
 from stimlib.blocks.cursor import Cursor, CursorFrames
+from stimlib.checks import soft as law
 from stimlib.motion.recorded import recording
 from stimlib.scenes import soft_surface
 from stimlib.soft import block, nodules
@@ -73,6 +76,36 @@ def test_what_is_off_is_caught(name, monkeypatch):
     monkeypatch.setattr(owner, "design", design)
     bad = [c.name for c in proved(soft_surface(**MODES[mode][0], S=HARD)).checks if not c.passed and c.group in "de"]
     assert any(says in text for text in bad), bad
+
+
+def test_the_laws_of_avatars_see_starts_stands_speeds_and_short_frames():
+    n, on = np.arange(6.0), np.array([1, 1, 0, 0, 1, 1]) > 0
+    x = np.array([0, 1, 1, 1, 4, 5.0])  # over a soft place, in mm: it follows, stands, and starts at the hand
+
+    def error(x):
+        return law.reversible(lambda x, y: 0.0 * x, 1e-3 * x, 0 * x, 1e-3 * n, 0 * x, on)[0]
+
+    assert error(x) < 1e-12
+    off = [error(x + 0.1 * (n > 3)), error(x + 0.1 * (n == 3)), error(x - 0.1 * (n == 5))]
+    assert off == pytest.approx([0.1] * 3)
+    seen, hand = (np.array([np.repeat([6, 2, last], 4), np.zeros(12)]) * 1e-3 for last in (3.2, 3))
+    got = law.by_frames(lambda x, y: x / 0.01, seen, hand, np.ones(12, bool), 4, (0.3, 1.2))
+    np.testing.assert_allclose(got, seen, rtol=0, atol=1e-12)
+    k, b = np.arange(40.0), SimpleNamespace(frame=0.0005, notice=0.01, per_newton=0.5)  # frames of half a sample
+    rows = k, 0 * k, np.where(k < 20, 0.0, 0.02)
+    out, due = law.delayed_by_frames(rows, 0.01 * (k == 20), k >= 0, 1000.0, b)
+    np.testing.assert_allclose(out[0], np.where((k > 20) & (k < 30), 20, k))
+    np.testing.assert_allclose(due, 0.01 * (k == 20), atol=1e-15)
+
+
+def test_a_row_that_is_off_either_way_is_seen():
+    scene = soft_surface("deformation", S=HARD)
+    proc = stimlib.compile(scene, FS, "python")
+    x = np.array([MOTION[name][300:340] for name in proc.inputs])
+    y = proc.process(x)
+    for factor, passes in ((1.0, True), (1 + 1e-9, False), (1 - 1e-9, False)):
+        e = SimpleNamespace(scene=scene, proc=proc, x=x, y=factor * y, numbers=[], wanted={})
+        assert all(c.passed is passes for c in law.soft_surface(e) if c.name.startswith(("force", "depth1"))), factor
 
 
 def test_depth_and_force_are_the_papers_and_the_springs():

@@ -31,6 +31,9 @@ def test_two_nodules_a_deep_one_and_the_other_shape():
     S = nodules([(0.02, 0.01, 0.006), (0.045, 0.01, 0.004)], 0.1, 0.02, spacing=0.0025)
     assert along(S, np.array(0.0325), 0.01) == pytest.approx(17 / 108, abs=1e-12)  # 1 - (7/8)(26/27)
     assert nodules([(0.05, 0.01, 0.006, 0.025)], 0.1, 0.02, 0.01).levels[1, 5] == pytest.approx(1 / 16, abs=1e-12)
+    np.testing.assert_allclose(
+        nodules([(0.05, 0.0, 0.006, 0.025)], 0.1, 0.025, 0.025).levels[0, 2:4], [1 / 16, 1 / 128], atol=1e-12
+    )
     assert nodules([(0.05, 0.01, 0.006, 0.006)], 0.1, 0.02, 0.01).levels.max() == 1  # nearer than A's is no harder than hard
     half = 12.5e-3 * (2 ** (1 / 3) - 1) ** 0.5
     bell = nodules([(0.0, 0.01, 0.006)], 4 * half, 0.02, spacing=half, shape="gaussian")
@@ -71,6 +74,7 @@ def test_pictures(tmp_path):
     (tmp_path / "deep.png").write_bytes(png + chunk(b"IEND", b""))
     np.testing.assert_allclose(image(tmp_path / "deep.png").levels, [[0.2, 1 / 65535], [0, 1]], atol=1e-7)
     (tmp_path / "cut.png").write_bytes(png[:48])
+    (tmp_path / "head.png").write_bytes(png[:16])
     (tmp_path / "huge.png").write_bytes(png[:16] + struct.pack(">II", 10**5, 10**5) + png[24:])
     (tmp_path / "text.png").write_text("S")
     (tmp_path / "twice.png").write_bytes(png[:33] + chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 2, 16, 0, 0, 0, 0)) + png[33:])
@@ -81,6 +85,7 @@ def test_pictures(tmp_path):
         "one": "two rows and two columns",
         "huge": "limits.map_points",
         "text": "no PNG file",
+        "head": "no PNG file",
         "none": "none.png",
     }.items():
         with pytest.raises(BadValue, match=says):
@@ -92,6 +97,7 @@ def test_pictures(tmp_path):
     [
         (lambda: array([[0, 2]], 1, 1), "two rows"),
         (lambda: array([[0, 2], [0, 1]]), "0 to 1"),
+        (lambda: array(np.zeros((1001, 1001))), "limits.map_points"),
         (lambda: array([[0, np.inf], [0, 1]]), "not finite"),
         (lambda: array([[0, 1], [0]]), "must be numbers"),
         (lambda: array([[0, 1], [0, 1]], width=0.0), "width = 0.0 m"),

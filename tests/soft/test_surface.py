@@ -80,6 +80,7 @@ def test_a_film_takes_as_long_as_the_movement(tmp_path):
         (lambda: surface([(0, 0, 1)], spacing=1e-5), "limits.map_points"),
         (lambda: surface([(0, 0, 1)], width=-1.0), "width"),
         (lambda: picture(RESULT, at=0.5), "0 to 0.39 s"),
+        (lambda: picture(RESULT, at=-0.1), "0 to 0.39 s"),
         (lambda: picture(stimlib.render(Scene({"y": Input("y")}), {"y": np.ones(3)}, fs=100)), "outputs x1 and y1"),
         (lambda: film(RESULT, "a.mp4"), ".gif"),
         (lambda: film(RESULT, "a.gif", fps=0.0), "fps"),
