@@ -103,10 +103,15 @@ def test_a_channel_is_the_same_in_every_trial():
     made = experiment(scenes={"spring": SPRING, "weight": other}, motion={"x": still, "y": still})
     for order in (["spring", "weight"], ["weight", "spring"], ["spring"]):
         assert list(program(made, Trial("a", tuple(map(Stimulus, order)), ("softer",)))[0].outputs) == ["force", "buzz"]
-    assert present(made, Trial("a", (Stimulus("spring"),), ("softer",)))["lost"] == 0  # though it has no input y
+    spring = Trial("a", (Stimulus("spring"),), ("softer",))
+    assert present(made, spring)["lost"] == 0  # though it has no input y
+    assert (stimlib.render(program(made, spring)[0], {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0).all()
 
 
-def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is():
+def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
+    with Session(experiment(design=Listed(((TASK, 9.0),))), tmp_path, "P01") as session:
+        with pytest.raises(BadValue, match="k = 9 is beyond its bounds"):  # before anything is displayed
+            session.due()
     with pytest.raises(BadValue, match="k = 2 is beyond its bounds, 0.5 to 1.5"):
         program(experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",)))
 
@@ -119,7 +124,7 @@ def test_a_parameter_inside_enabled_cannot_change_within_a_trial():
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
-    shown = present(experiment(safety=2.5), pair(), "offline", tmp_path / "a.stimlog")
+    shown = present(experiment(safety=2.5, motion={"x": lambda t: -still(t)}), pair(), "offline", tmp_path / "a.stimlog")
     assert shown["peak"]["force"] == pytest.approx([1.0, 2.5], rel=1e-6) and shown["clips"]["clip"]["force"] == 100
 
 
