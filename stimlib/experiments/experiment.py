@@ -166,10 +166,8 @@ class Experiment:
         if self.masking and self.masking.output in self.outputs:
             raise BadValue(f"Masking: {self.masking.output!r} is an output of a scene: name a channel of its own")
         inputs = {i: None for s in self.scenes.values() for i in s.inputs}
-        driven = self.motion if isinstance(self.motion, Mapping) else ()
-        for what, name in [("Cursor", c.input) for c in (self.cursor,) if c] + [("motion", name) for name in driven]:
-            if name not in inputs:
-                raise UnknownName(f"{what}: no scene has an input {name!r}; there are {', '.join(inputs) or 'none'}")
+        if self.cursor and self.cursor.input not in inputs:
+            raise UnknownName(f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(inputs) or 'none'}")
         for name, (low, high) in self.bounds.items():
             if name not in known:
                 raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")

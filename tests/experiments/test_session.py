@@ -178,7 +178,6 @@ def test_experiments_that_make_no_sense():
         ({"bounds": {"k": (0.5, np.inf)}}, BadValue, "finite numbers that rise"),
         ({"masking": Masking("force")}, BadValue, "'force' is an output of a scene"),
         ({"cursor": Cursor("y", 1.0)}, UnknownName, "Cursor: no scene has an input 'y'; there are x"),
-        ({"motion": {"x": still, "y": still}}, UnknownName, "motion: no scene has an input 'y'"),
         ({"fs": 0.0}, BadValue, "fs = 0.0 must be in Hz"),
         ({"fs": 4.0}, BadValue, "a sample in each interval"),
         ({"replays": -1}, BadValue, "replays = -1 must be a whole number"),
