@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..experiments.trial import Trial
 
 REPLAY = "r"
+_ENDED = "the input has ended before the session: all answers so far are kept, resume it"
 
 
 class Terminal:
@@ -77,16 +78,24 @@ class Terminal:
         if not sys.stdin.isatty():
             return self._line(text, default)
         print(shown(text), flush=True)
-        key = typer.getchar()
+        try:
+            key = typer.getchar()  # drops what was hit before
+        except EOFError:
+            key = "\x04"
         if key == "\x03":
             raise KeyboardInterrupt
+        if key == "\x04":
+            raise SinkError(_ENDED)
         return key.strip() or default
 
     def _line(self, text: str, default: str) -> str:
         print(shown(text), flush=True)
-        line = sys.stdin.readline()
+        try:
+            line = sys.stdin.readline()
+        except UnicodeDecodeError:
+            line = "\N{REPLACEMENT CHARACTER}"  # which is no answer
         if not line:
-            raise SinkError("the input has ended before the session: all answers so far are kept, resume it")
+            raise SinkError(_ENDED)
         return line.strip() or default
 
 
@@ -95,7 +104,7 @@ def _value(question: Question, text: str) -> Any:
     if question.kind == "choice":
         return dict(zip(question.keys, question.choices, strict=True)).get(text, text)
     if question.kind == "rating":
-        return int(text) if text.isdecimal() else text
+        return int(text) if text.isdecimal() and len(text) < 9 else text
     if question.kind == "ranking":
         return text.split()
     try:

@@ -175,7 +175,10 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
     """
     import fcntl  # of Unix alone
 
-    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as e:
+        raise error(f"cannot work in {folder}: {_reason(e)}") from e
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

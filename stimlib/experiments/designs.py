@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..core.fields import number
 from ..errors import BadValue
 from .streams import seed_of, stream
 from .tasks import Task
@@ -120,6 +121,8 @@ class Staircase:
     most: int = 1000
 
     def __post_init__(self):
+        if not all(isinstance(v, tuple) and len(v) == 2 and all(map(number, v)) for v in (self.bounds, self._start)):
+            raise BadValue(f"Staircase: bounds = {self.bounds!r} and start = {self.start!r} must be numbers, or (low, high)")
         low, high = self.bounds
         least, largest = self._start
         if not (0 < low < high < math.inf):

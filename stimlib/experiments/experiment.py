@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses as dc
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ..core import fields
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName
+from ..core.units import Unit
+from ..errors import BadValue, StimlibError, UnknownName
 from ..run.safety import Safety
 from .questions import Question
 from .streams import seed_of
@@ -56,6 +59,10 @@ class Cursor:
     input: str
     amplitude: float
     frequency: float = 1.0
+
+    def __post_init__(self):
+        if not (fields.positive(self.amplitude) and fields.positive(self.frequency)):
+            raise BadValue(f"Cursor: amplitude = {self.amplitude!r} and frequency = {self.frequency!r} must be above 0")
 
 
 @dc.dataclass(frozen=True)
@@ -152,11 +159,25 @@ class Experiment:
         if not names or len(set(names)) != len(names):
             raise BadValue(f"experiment {self.name!r}: it needs questions, each with a name of its own; got {names}")
         known = {p for s in self.scenes.values() for p in s.params}
+        if not fields.positive(self.fs) or round(self.timing.interval * self.fs) < 1:
+            raise BadValue(f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each interval at least")
+        if not fields.whole(10**6)(self.replays):
+            raise BadValue(f"experiment {self.name!r}: replays = {self.replays!r} must be a whole number from 0 on")
+        if self.masking and self.masking.output in self.outputs:
+            raise BadValue(f"Masking: {self.masking.output!r} is an output of a scene: name a channel of its own")
+        inputs = {i: None for s in self.scenes.values() for i in s.inputs}
+        if self.cursor and self.cursor.input not in inputs:
+            raise UnknownName(f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(inputs) or 'none'}")
         for name, (low, high) in self.bounds.items():
             if name not in known:
                 raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")
-            if not low < high:
-                raise BadValue(f"bounds: {name} = ({low:g}, {high:g}) must rise")
+            if not (fields.number(low) and fields.number(high) and low < high):
+                raise BadValue(f"bounds: {name} = ({low!r}, {high!r}) must be two finite numbers that rise")
+
+    @property
+    def outputs(self) -> dict[str, Unit]:
+        """Of all scenes, in their order: the channels of every trial, so that no channel moves from trial to trial."""
+        return {name: block.dim for s in self.scenes.values() for name, block in s.outputs.items()}
 
     def question(self, name: str) -> Question:
         """By its name; UnknownName where there is none."""
@@ -167,7 +188,17 @@ class Experiment:
 
     def designed(self, participant: str, session: int = 1) -> Design:
         """The design of one participant's session."""
-        return self.design if isinstance(self.design, Design) else self.design(participant, session)
+        if isinstance(self.design, Design):
+            return self.design
+        try:
+            made = self.design(participant, session)
+        except StimlibError:
+            raise
+        except Exception as e:
+            raise BadValue(f"experiment {self.name!r}: design({participant!r}, {session}): {type(e).__name__}: {e}") from e
+        if not isinstance(made, Design):
+            raise BadValue(f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80}, no design")
+        return made
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
         """The stimuli that one participant may get familiar with before a session."""
@@ -179,18 +210,33 @@ class Experiment:
 
     def check(self, trial: Trial) -> None:
         """Raise unless a trial can be shown: its scenes, parameters, questions are known, no parameter passes its bounds."""
-        for name in trial.questions:
-            self.question(name)
+        if not trial.questions:
+            raise BadValue(f"condition {trial.condition!r}: a trial asks one question at least")
+        first = [self.question(name) for name in trial.questions][0]
+        if trial.scores and set(trial.scores) != {*first.choices}:
+            raise BadValue(
+                f"condition {trial.condition!r}: {first.name} has the choices {', '.join(first.choices) or 'none'}, the task "
+                f"counts {', '.join(trial.scores)}: they must be the same"
+            )
+        try:
+            json.dumps(trial.to_dict(), allow_nan=False)
+        except (TypeError, ValueError) as e:
+            raise BadValue(
+                f"condition {trial.condition!r}: it cannot be kept in a log: {e}; give levels, parameters and right answers as "
+                "finite numbers of Python, as float(..) or .tolist() make them"
+            ) from e
         for s in trial.stimuli:
             if s.scene not in self.scenes:
                 raise UnknownName(f"condition {trial.condition!r}: no scene {s.scene!r}; there are {', '.join(self.scenes)}")
             if unknown := set(s.params) - set(self.scenes[s.scene].params):
                 raise UnknownName(f"condition {trial.condition!r}: scene {s.scene!r} has no parameter {', '.join(unknown)}")
-            for name, (low, high) in self.bounds.items():
-                if name in s.params and not low <= s.params[name] <= high:
-                    raise BadValue(
-                        f"condition {trial.condition!r}: {name} = {s.params[name]:g} is beyond its bounds, {low:g} to {high:g}"
-                    )
+            values = {name: s.params.get(name, p.value) for name, p in self.scenes[s.scene].params.items()}
+            for name, value in values.items():
+                low, high = self.bounds.get(name, (-math.inf, math.inf))
+                if not fields.number(value):
+                    raise BadValue(f"condition {trial.condition!r}: {name} = {value!r:.80} is no number")
+                if not low <= value <= high:
+                    raise BadValue(f"condition {trial.condition!r}: {name} = {value:g} is beyond its bounds, {low:g} to {high:g}")
 
     def facts(self) -> dict[str, Any]:
         """What a log has of its experiment, as JSON data; ``key`` is the SHA-256 of the rest.
@@ -198,7 +244,10 @@ class Experiment:
         Functions (of a motion, or a design that depends on the participant) count by their name.
         """
         told = {f.name: _plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("observer", "analysis")}
-        text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
+        try:
+            text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
+        except ValueError as e:
+            raise BadValue(f"experiment {self.name!r}: a number in its definition is not finite, which no log can have") from e
         return told | {"key": hashlib.sha256(text.encode()).hexdigest()}
 
 

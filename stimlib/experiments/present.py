@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..blocks import timeline, white_noise
-from ..core.graph import Block, Enabled, Param, reach, signals
+from ..core.graph import Block, Enabled, Param, constant, reach, signals
 from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
@@ -45,9 +45,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     t, fs = experiment.timing, experiment.fs
     first = round(t.before * fs) + _safety(experiment).samples(fs)
     long, apart = round(t.interval * fs), round(t.gap * fs)
-    return [(at, at + long) for at in range(first, first + len(trial.stimuli) * (long + apart), long + apart)][
-        : len(trial.stimuli)
-    ]
+    return [(at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))]
 
 
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
@@ -61,7 +59,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     Returns
     -------
     scene : Scene
-        The outputs of the trial's scenes, each 0 outside of its intervals; and the masking noise, if there is any.
+        All outputs of the experiment, in the order of its scenes, so that each has the same channel in every trial; 0 outside of
+        their intervals. And the masking noise, if there is any.
     params : dict of str to float
         Those that do not change during the trial.
 
@@ -94,7 +93,7 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     if len({s.seed for s in trial.stimuli}) != 1:
         raise BadValue(f"condition {trial.condition!r}: the stimuli of one trial must have one seed, they are one run")
     at = [(a / experiment.fs, b / experiment.fs) for a, b in spans(experiment, trial)]
-    outputs: dict[str, Block] = {}
+    outputs: dict[str, Block] = {}  # of the scenes of this trial
     start: dict[str, float] = {}
     for name in dict.fromkeys(s.scene for s in trial.stimuli):
         mine = [(span, s) for span, s in zip(at, trial.stimuli, strict=True) if s.scene == name]
@@ -106,9 +105,10 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
         for param, value in params.items():
             if start.setdefault(param, value) != value:
                 raise BadValue(f"condition {trial.condition!r}: the parameter {param!r} of two scenes differs: name them apart")
+    every = {name: outputs.get(name, constant(0.0, str(unit))) for name, unit in experiment.outputs.items()}
     if m := experiment.masking:
-        outputs[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
-    return Scene(outputs), start
+        every[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
+    return Scene(every), start
 
 
 def _window(at: list[tuple[float, float]], ramp: float) -> list[tuple[float, float]]:

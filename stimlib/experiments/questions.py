@@ -109,8 +109,8 @@ def ranking(name: str, text: str, *items: str) -> Question:
     >>> from stimlib.experiments.questions import ranking
     >>> ranking("size", "The largest first", "A", "B", "C").check(["B", "A", "C"])
     """
-    if len(items) < 2 or len(set(items)) != len(items):
-        raise BadValue(f"ranking {name!r}: give at least two names, each once; got {items}")
+    if len(items) < 2 or len(set(items)) != len(items) or any(i.split() != [i] for i in items):
+        raise BadValue(f"ranking {name!r}: give at least two names of one word, each once; got {items}")
     return Question(name, text, "ranking", items)
 
 

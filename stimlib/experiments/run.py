@@ -71,6 +71,7 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
         return present(e, trial, sink, folder, **options) if isinstance(sink, str) else sink(trial, folder)
 
     if (trial := session.due()) is None:
+        face.tell("All trials of this session are done.")
         return
     if e.instructions:
         face.tell(e.instructions)
@@ -143,4 +144,6 @@ class Simulated:
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
         """What the observer answers to that question."""
         rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
-        return self._observer(trial, rng).values[question.name]
+        value = self._observer(trial, rng).values.get(question.name)
+        question.check(value)  # None would ask for a replay, and again
+        return value

@@ -145,9 +145,7 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
     records: list[Record] = []
     size = 0
     data = regular.read(path, "events_bytes") if os.path.lexists(path) else b""
-    for number, line in enumerate(data.splitlines(keepends=True), 1):
-        if not line.endswith(b"\n"):
-            break  # of a process that was killed
+    for number, line in enumerate(data.split(b"\n")[:-1], 1):  # after the last end of a line is what a killed process had begun
         try:
             body = fields.parse(line)
             fields.require(body, _LINE)
@@ -161,7 +159,7 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
             raise
         except (ValueError, TypeError, KeyError) as e:
             raise SinkError(f"{path}, line {number}: {shown(e)}") from e
-        chain, size = told, size + len(line)
+        chain, size = told, size + len(line) + 1
     return records, size, chain
 
 
@@ -178,10 +176,14 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
     Raises
     ------
     SinkError, BadValue
-        As `read`; sessions of different definitions.
+        As `read`; sessions of different definitions; a folder that has another session's name, such as a copy.
     """
     folders = sorted(p.parent for p in (Path(data) / experiment).glob("*/session.json"))
     found = [read(p, pilot) for p in folders if p.name.startswith("PILOT-") == pilot]
+    for s in found:
+        own = folder_of(experiment, data, s.header["participant"], s.header["session"], pilot)
+        if s.folder != own:
+            raise BadValue(f"{s.folder} has the session {own.name}: a copy would count twice; move it out of {own.parent}")
     if len({s.header["experiment"].get("key") for s in found}) > 1:
         raise BadValue(f"{Path(data) / experiment} has sessions of different versions of the experiment: analyse each by itself")
     return found

@@ -78,10 +78,7 @@ class Session:
         self._resume, self._file, self._lock = resume, -1, -1
 
     def __enter__(self) -> Self:
-        there = os.path.lexists(self.folder / "session.json")
-        if there and not self._resume:
-            raise BadValue(f"{self.folder} is there already: resume it, or give another session; data are never overwritten")
-        if self._resume and not there:
+        if self._resume and not self._there():
             raise BadValue(f"there is no session {self.folder} to resume: run it first")
         regular.make_folder(self.folder)
         busy = f"another run has the session {self.folder}: one participant cannot be in two at once"
@@ -92,6 +89,9 @@ class Session:
             self._close()
             raise
         return self
+
+    def _there(self) -> bool:
+        return os.path.lexists(self.folder / "session.json")
 
     def __exit__(self, *_: object) -> None:
         self._close()
@@ -106,6 +106,10 @@ class Session:
 
     def _open(self) -> None:
         if not self._resume:
+            if self._there():  # only who has the lock knows
+                raise BadValue(
+                    f"{self.folder} is there already: resume it, or give another session or folder; data are never overwritten"
+                )
             text = json.dumps(self._header(), indent=1, allow_nan=False) + "\n"
             regular.publish(self.folder / "session.json", text)
         saved = read(self.folder, pilot=self.pilot)
@@ -190,7 +194,8 @@ class Session:
         Raises
         ------
         BadValue
-            A question that is not answered, or with no answer of its kind; nothing is written then.
+            A question that is not answered, or with no answer of its kind; an answer or what was displayed is no JSON data;
+            nothing is written then.
         SinkError
             It cannot be written.
         """
@@ -227,7 +232,10 @@ class Session:
     def _append(self, record: Record) -> None:
         body = {"number": record.number, "pilot": self.pilot, "trial": record.trial.to_dict(), "answer": record.answer.to_dict()}
         body |= {"displayed": list(record.displayed), "ended": record.ended}
-        text, chain = sealed(self._chain, body)
+        try:
+            text, chain = sealed(self._chain, body)
+        except (TypeError, ValueError) as e:
+            raise BadValue(f"trial {record.number}: its answer, or what was displayed, is no JSON data: {e}") from e
         data = text.encode() + b"\n"
         try:
             try:

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from stimlib.cli import app, terminal
 from stimlib.cli.terminal import Terminal
+from stimlib.errors import SinkError
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.saved import read
 
@@ -96,7 +98,7 @@ def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
     "question, typed, value",
     [
         (rating("r", "How rough?", "smooth", "rough"), "8\n4\n", 4),
-        (rating("r", "How rough?", "none", "most", 100), "55\n", 55),
+        (rating("r", "How rough?", "none", "most", 100), 5000 * "9" + "\n55\n", 55),
         (ranking("r", "The largest first", "A", "B"), "A\nB A\n", ["B", "A"]),
         (places("r", "Where?", 2), "1 x\n0.1 0.2; 3 4\n", [[0.1, 0.2], [3.0, 4.0]]),
         (choice("r", "Was there one?", "yes", "no", keys="yn"), "1\nn\n", "no"),
@@ -107,6 +109,25 @@ def test_every_kind_of_question_has_its_keys(monkeypatch, capsys, question, type
     monkeypatch.setattr(terminal.sys, "stdin", SimpleNamespace(isatty=lambda: False, readline=lambda: next(lines, "")))
     assert Terminal().ask(None, question, 0) == value
     assert capsys.readouterr().out.count("is no answer") == typed.count("\n") - 1
+
+
+def test_the_end_of_input_in_a_terminal(monkeypatch):
+    monkeypatch.setattr(terminal.sys, "stdin", SimpleNamespace(isatty=lambda: True))
+
+    def ended():
+        raise EOFError
+
+    monkeypatch.setattr(terminal.typer, "getchar", ended)
+    with pytest.raises(SinkError, match="the input has ended.*resume it"):
+        Terminal().ready("trial 2")
+
+
+def test_a_line_that_is_no_text_is_no_answer(monkeypatch, capsys):
+    typed = TextIOWrapper(BytesIO(b"\xff\n"), "utf-8")
+    monkeypatch.setattr(terminal.sys, "stdin", typed)
+    with pytest.raises(SinkError, match="the input has ended"):
+        Terminal().ask(None, places("r", "Where?", 2), 0)
+    assert "is no answer" in capsys.readouterr().out
 
 
 def test_a_key_is_enough_in_a_terminal_and_a_rest_lasts(monkeypatch, capsys):

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
@@ -96,6 +97,25 @@ def test_two_scenes_in_one_trial():
     assert params == {"c": 4.0, "k": 3.0} and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
 
 
+def test_a_channel_is_the_same_in_every_trial():
+    """Whatever the order of the intervals, and where one scene lacks it: an actuator gets no other's signal."""
+    other = stimlib.Scene({"buzz": stimlib.Input("y", "N") * 1.0, "force": stimlib.Param("c", 1.0, "N") * 1.0})
+    made = experiment(scenes={"spring": SPRING, "weight": other}, motion={"x": still, "y": still})
+    for order in (["spring", "weight"], ["weight", "spring"], ["spring"]):
+        assert list(program(made, Trial("a", tuple(map(Stimulus, order)), ("softer",)))[0].outputs) == ["force", "buzz"]
+    spring = Trial("a", (Stimulus("spring"),), ("softer",))
+    assert present(made, spring)["lost"] == 0  # though it has no input y
+    assert (stimlib.render(program(made, spring)[0], {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0).all()
+
+
+def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
+    with Session(experiment(design=Listed(((TASK, 9.0),))), tmp_path, "P01") as session:
+        with pytest.raises(BadValue, match="k = 9 is beyond its bounds"):  # before anything is displayed
+            session.due()
+    with pytest.raises(BadValue, match="k = 2 is beyond its bounds, 0.5 to 1.5"):
+        program(experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",)))
+
+
 def test_a_parameter_inside_enabled_cannot_change_within_a_trial():
     gated = stimlib.enabled(stimlib.Param("k", 2.0) * stimlib.blocks.white_noise(1), by=stimlib.Input("x") > 0.0)
     made = experiment(scenes={"spring": stimlib.Scene({"force": gated})})
@@ -104,7 +124,7 @@ def test_a_parameter_inside_enabled_cannot_change_within_a_trial():
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
-    shown = present(experiment(safety=2.5), pair(), "offline", tmp_path / "a.stimlog")
+    shown = present(experiment(safety=2.5, motion={"x": lambda t: -still(t)}), pair(), "offline", tmp_path / "a.stimlog")
     assert shown["peak"]["force"] == pytest.approx([1.0, 2.5], rel=1e-6) and shown["clips"]["clip"]["force"] == 100
 
 
@@ -131,6 +151,12 @@ def test_a_hand_pushes_its_positions_while_the_trial_plays(tmp_path):
     "trial, error, why",
     [
         (Trial("a", (Stimulus("spring", {"k": 9.0}),), ("softer",)), BadValue, "k = 9 is beyond its bounds, 0.5 to 8"),
+        (Trial("a", (Stimulus("spring", {"k": 0.4}),), ("softer",)), BadValue, "k = 0.4 is beyond its bounds"),
+        (Trial("a", (Stimulus("spring", {"k": "2"}),), ("softer",)), BadValue, "k = '2' is no number"),
+        (Trial("a", (Stimulus("spring", {"k": np.int64(2)}),), ("softer",)), BadValue, "cannot be kept in a log.*float"),
+        (Trial("a", (Stimulus("spring"),), ("softer",), level=np.nan), BadValue, "cannot be kept in a log"),
+        (Trial("a", (Stimulus("spring"),), ()), BadValue, "one question at least"),
+        (Trial("a", (Stimulus("spring"),), ("softer",), scores={"A": 1.0}), BadValue, "the task counts A: they must be the same"),
         (Trial("a", (Stimulus("springs"),), ("softer",)), UnknownName, "no scene 'springs'"),
         (Trial("a", (Stimulus("spring", {"q": 1.0}),), ("softer",)), UnknownName, "no parameter q"),
         (Trial("a", (Stimulus("spring"),), ("harder",)), UnknownName, "no question 'harder'"),
@@ -149,10 +175,19 @@ def test_experiments_that_make_no_sense():
         ({"scenes": {}}, BadValue, "scenes must be"),
         ({"questions": (QUESTION, QUESTION)}, BadValue, "a name of its own"),
         ({"bounds": {"q": (1.0, 2.0)}}, UnknownName, "no scene has a parameter 'q'"),
-        ({"bounds": {"k": (2.0, 1.0)}}, BadValue, "must rise"),
+        ({"bounds": {"k": (0.5, np.inf)}}, BadValue, "finite numbers that rise"),
+        ({"masking": Masking("force")}, BadValue, "'force' is an output of a scene"),
+        ({"cursor": Cursor("y", 1.0)}, UnknownName, "Cursor: no scene has an input 'y'; there are x"),
+        ({"fs": 0.0}, BadValue, "fs = 0.0 must be in Hz"),
+        ({"fs": 4.0}, BadValue, "a sample in each interval"),
+        ({"replays": -1}, BadValue, "replays = -1 must be a whole number"),
+        ({"bounds": {"k": (2.0, 1.0)}}, BadValue, "finite numbers that rise"),
     ):
         with pytest.raises(error, match=why):
             experiment(**wrong)
+    for cursor in ((0.0, 1.0), (1.0, 0.0), (1.0, np.nan)):  # its gain and lag are divided by them
+        with pytest.raises(BadValue, match="must be above 0"):
+            Cursor("x", *cursor)
     with pytest.raises(BadValue, match="gap = -1 must be a time"):
         Timing(gap=-1)
     with pytest.raises(BadValue, match="longer than its two ramps"):
@@ -198,6 +233,13 @@ def test_a_line_that_was_cut_short_is_dropped_and_its_trial_comes_again(tmp_path
         assert again.number == 3 and again.due() == session.records[2].trial
         again.put(session.records[2].answer, [])
     assert len(read(session.folder).records) == 3
+
+
+def test_an_end_of_line_that_no_line_has_drops_nothing(tmp_path):
+    session = some(tmp_path, 3)
+    path = session.folder / "trials.jsonl"
+    path.write_bytes(path.read_bytes().replace(b", ", b",\r ", 1))  # white space of JSON
+    assert some(tmp_path, 0, resume=True).records == session.records == read(session.folder).records
 
 
 def edited(path, change):
@@ -272,6 +314,28 @@ def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_pa
     assert len(read(tmp_path / "pair" / "P01-s1").records) == 2
 
 
+def test_a_run_that_comes_second_overwrites_nothing(tmp_path, monkeypatch):
+    lock, first = stimlib.core.regular.lock, []
+
+    def late(*words):  # another run begins and ends before this one has the lock
+        if not first:
+            first.append(None)
+            first.append(some(tmp_path, 2))
+        return lock(*words)
+
+    monkeypatch.setattr("stimlib.experiments.session.regular.lock", late)
+    with pytest.raises(BadValue, match="is there already"):
+        some(tmp_path, 0)
+    assert read(first[1].folder).records == first[1].records
+
+
+def test_a_copy_of_a_session_is_not_counted(tmp_path):
+    folder = some(tmp_path, 1).folder
+    shutil.copytree(folder, f"{folder} copy")
+    with pytest.raises(BadValue, match="has the session P01-s1: a copy would count twice; move it"):
+        sessions("pair", tmp_path)
+
+
 @pytest.mark.parametrize("name", ["Anna", "P", "07", "P07 ", "../P07", "P07\n", "Maximilian1"])
 def test_participants_are_codes(tmp_path, name):
     with pytest.raises(BadValue, match="must be a code"):
@@ -331,6 +395,11 @@ def test_an_answer_that_is_none_is_not_written(tmp_path):
         for values, why in (({}, "not answered"), ({"softer": "third"}, "no answer; answer one of first, second")):
             with pytest.raises(BadValue, match=why):
                 session.put(Answer(values))
+        for answer, shown in ((Answer({"softer": "first"}, np.nan), {}), (Answer({"softer": "first"}), {"lost": np.int64(1)})):
+            with pytest.raises(BadValue, match="trial 1: .* is no JSON data"):
+                session.put(answer, [shown])
+        with pytest.raises(BadValue, match="None is no answer"):  # it would be asked for ever
+            run(session, Simulated(session, lambda trial, rng: Answer({})), nothing)
         assert session.number == 1
     assert read(session.folder).records == []
 
@@ -428,4 +497,7 @@ def test_a_design_may_depend_on_the_participant(tmp_path):
     for code, number, level in (("P01", 1, 2.0), ("P02", 1, 3.0), ("P02", 2, 4.0)):
         with Session(made, tmp_path, code, number) as session:
             assert session.due().level == level
+    for wrong, why in ((lambda p, s: None, "gives None, no design"), (lambda p, s: [][0], r"design\('P01', 1\): IndexError")):
+        with pytest.raises(BadValue, match=why):
+            Session(experiment(design=wrong), tmp_path, "P01")
     assert isinstance(made, Experiment) and len(sessions("pair", tmp_path)) == 3
