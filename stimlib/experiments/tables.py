@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.packages import package
 from ..errors import BadValue, UnknownName
-from .fits import Fit, psychometric
+from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
 """A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a DataFrame is one, too."""
@@ -76,7 +76,8 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     """
     if missing := [name for name in ("level", "outcome") if name not in columns]:
         raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
-    return {key: psychometric(rows["level"], rows["outcome"], **how) for key, rows in grouped(columns, by).items()}
+    groups = grouped(columns, by)
+    return psychometrics({key: (rows["level"], rows["outcome"]) for key, rows in groups.items()}, **how)
 
 
 def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stimlib.errors import BadValue
-from stimlib.experiments.fits import bootstrap, profile, psychometric
+from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
 from stimlib.experiments.likelihood import Model, Sets, maximum
 
 STRESS = bool(os.environ.get("STIMLIB_STRESS"))
@@ -74,6 +74,27 @@ def test_a_rate_of_lapses_is_the_best_there_is():
     )
     assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=5e-3)
     assert fit.loglik >= -other.fun - 1e-4 and fit.guess == fit.lapse
+
+
+def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
+    """Of unequal lengths, some with nothing to fit, in two calls."""
+    monkeypatch.setattr("stimlib.experiments.fits.TOGETHER", 3)
+    wide = np.geomspace(0.5, 6, 9)
+    data = {
+        "six": (LEVELS, YES, ASKED),
+        ("nine", 2): (wide, [0, 1, 1, 5, 9, 11, 15, 20, 20], [20] * 9),
+        "separated": (LEVELS, [0, 0, 0, 20, 20, 20], ASKED),
+        "lapses": ([1, 1.5, 2, 2.5, 3, 10], [0, 3, 10, 17, 20, 18], ASKED),
+        "one": ([1, 1], [0, 1]),
+    }
+    fits = psychometrics(data)
+    assert {key: repr(fit) for key, fit in fits.items()} == {key: repr(psychometric(*each)) for key, each in data.items()}
+    assert [fit.problems for fit in fits.values()] == [(), (), ("separated",), ("lapses",), ("few",)]
+    assert psychometrics({}) == {}
+    with pytest.raises(BadValue, match=r"of \('P01', 'a'\): yes\[1\] = 2"):
+        psychometrics({"good": data["six"], ("P01", "a"): ([1, 2], [0, 2])})
+    with pytest.raises(BadValue, match="levels, yes, trials.*not 1"):
+        psychometrics({"P01": ([1, 2],)})
 
 
 def test_differences_and_scales():
