@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, shortened
-from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, probability, total
+from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, numbers, probability, total
 
 PROBLEMS = {
     "few": "all answers are the same, or to one level: nothing can be fitted; choose levels around the threshold",
@@ -26,6 +26,7 @@ PROBLEMS = {
 SURE_OF_LAPSES = 0.01
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES = 2000
+MOST, LARGEST = 1e9, 1e100  # trials at a level, beyond which likelihoods are too coarse for intervals; size of a level
 TOGETHER = 64  # sets in one call, so that memory stays small
 Interval = tuple[float, float]
 Key = TypeVar("Key", bound=Hashable)
@@ -53,7 +54,8 @@ class Fit:
     trials, levels : int
         How many answers, and different levels, there were.
     gap : (float, float)
-        The highest level with a no and the lowest with a yes, the lower one first.
+        The highest level with a no and the lowest with a yes, the lower one first; with ``guess``, the highest level with
+        answers below half-way and the lowest with answers above, infinite if there is none.
     """
 
     pse: float
@@ -228,6 +230,8 @@ def psychometrics(
     {'P01': 2.0, 'P02': 2.36}
     """
     model = _model(link, guess, lapse, interval, confidence)
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise BadValue(f"psychometric: seed = {seed!r} must be a whole number from 0 on")
     sets = [_set(key, given, log) for key, given in data.items()]
     parts = [sets[at : at + TOGETHER] for at in range(0, len(sets), TOGETHER)]
     fits = [fit for part in parts for fit in _fitted(part, model, log, interval, confidence, seed)]
@@ -284,7 +288,7 @@ def _fit(
         deviance=2 * (_best_possible(one) - loglik),
         trials=int(one.n.sum()),
         levels=one.x.size,
-        gap=_gap(one, log),
+        gap=_gap(one, log, model.guess),
         link=model.link,
         log=log,
         confidence=confidence,
@@ -414,32 +418,43 @@ def _set(key: object, given: Sequence[ArrayLike], log: bool) -> Sets:
     where = f"psychometric of {shortened(key)}" if key != "" else "psychometric"
     if not 2 <= len(given) <= 3:
         raise BadValue(f"{where}: give (levels, yes) or (levels, yes, trials), not {len(given)} things")
-    x, k = (np.asarray(v, float) for v in given[:2])
-    n = np.asarray(given[2], float) if len(given) == 3 else np.ones_like(k)
+    x, k = (numbers(f"{where}: {name}", v) for name, v in zip(("levels", "yes"), given, strict=False))
+    n = numbers(f"{where}: trials", given[2]) if len(given) == 3 else np.ones_like(k)
     if not x.ndim == 1 == k.ndim == n.ndim or not x.size == k.size == n.size > 0:
         raise BadValue(f"{where}: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one length")
     for name, bad in (
         ("levels", ~np.isfinite(x) | (log & (x <= 0))),
         ("yes", ~((k >= 0) & (k <= n) & (k == np.floor(k)))),
-        ("trials", ~(np.isfinite(n) & (n == np.floor(n)))),
+        ("trials", ~((n <= MOST) & (n == np.floor(n)))),
     ):
         if bad.any():
             at = int(np.argmax(bad))
-            what = "must be finite" + (", and above 0 for log" if log else "") if name == "levels" else "must be whole counts"
+            what = (
+                "must be finite" + (", and above 0 for log" if log else "")
+                if name == "levels"
+                else f"must be whole counts, at most {MOST:g}"
+            )
             more = ", yes from 0 to the number of trials" if name == "yes" else ""
             raise BadValue(f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name} {what}{more}")
     unique, at_level = np.unique(np.log10(x[n > 0]) if log else x[n > 0], return_inverse=True)
     if not unique.size:
         raise BadValue(f"{where}: there are no trials")
+    if np.abs(unique).max() > LARGEST or 0 < np.ptp(unique) < 1 / LARGEST:
+        raise BadValue(
+            f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so that sums of squares exist"
+        )
     return Sets(unique, np.bincount(at_level, k[n > 0]), np.bincount(at_level, n[n > 0]))
 
 
 # What is wrong with it -------------------------------------------------------------------------------------------------
-def _gap(sets: Sets, log: bool) -> Interval:
-    """The highest level with a no, and the lowest with a yes, in their order."""
+def _gap(sets: Sets, log: bool, guess: float | None) -> Interval:
+    """The highest level with a no, and the lowest with a yes, in their order; with guesses, those below and above half-way."""
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size:
         return math.nan, math.nan
+    if guess:
+        above = sets.yes / sets.n >= (1 + guess) / 2
+        some_no, some_yes = np.append(-np.inf, sets.x[~above]), np.append(np.inf, sets.x[above])
     low, high = sorted((float(some_no.max()), float(some_yes.min())))
     return (10**low, 10**high) if log else (low, high)
 

@@ -67,6 +67,27 @@ class Found(NamedTuple):
     loglik: Array
 
 
+def numbers(what: str, values: ArrayLike) -> Array:
+    """An array of floats; what cannot be one is named.
+
+    Raises
+    ------
+    BadValue
+
+    Examples
+    --------
+    >>> from stimlib.experiments.likelihood import numbers
+    >>> numbers("line: x", [1, "two"])
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.BadValue: line: x must be rows of numbers: could not convert string to float: 'two'
+    """
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as e:
+        raise BadValue(f"{what} must be rows of numbers: {e}") from None
+
+
 def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callable[[Any], Any]]:
     """F, its density and its inverse.
 

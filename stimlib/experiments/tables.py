@@ -29,7 +29,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     UnknownName
         No such column.
     BadValue
-        Columns of different lengths.
+        Columns of different lengths; ``by`` that is one text.
 
     Examples
     --------
@@ -37,6 +37,8 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     >>> grouped({"who": ["a", "b", "a"], "level": [1, 2, 3]}, ["who"])
     {('a',): {'who': ['a', 'a'], 'level': [1, 3]}, ('b',): {'who': ['b'], 'level': [2]}}
     """
+    if isinstance(by, str):
+        raise BadValue(f"by = {by!r} must be a list of columns: [{by!r}]")
     if missing := [name for name in by if name not in columns]:
         raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
     rows = {str(name): list(columns[name]) for name in columns}
@@ -100,6 +102,8 @@ def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
     if not isinstance(rows, Mapping):
         return [_fields(row) for row in rows]
     keys = [key if isinstance(key, tuple) else (key,) for key in rows]
+    if wrong := [key for key in keys if len(key) != len(names)]:
+        raise BadValue(f"results by {wrong[0]!r}, and names {tuple(names)!r}: give a name for each part of a key")
     return [dict(zip(names, key, strict=True)) | _fields(row) for key, row in zip(keys, rows.values(), strict=True)]
 
 

@@ -199,7 +199,14 @@ def test_proportions_of_the_nodules():
         (lambda: detection(51, 50, 1, 50), "51 of 50"),
         (lambda: detection(1, 50, 1, 0), "1 of 0"),
         (lambda: detection(1, 2, 1, 2, "add"), "loglinear"),
+        (lambda: detection(1, 2, np.nan, 2), "nan of 2"),
+        (lambda: wilson(1, np.inf), "1 of inf"),
         (lambda: wilson(1, 2, 95), "confidence"),
+        (lambda: kruskal({1: [1, 2], "1": [3, 4], 2: [5, 6]}), "same name"),
+        (lambda: anova({"a": ["x"], "b": [1]}), "anova: a must be rows of numbers"),
+        (lambda: repeated(np.eye(4).reshape(4, 2, 2), ("c", "c")), "name of its own"),
+        (lambda: mixed({"participant": [1, 1, 1], "y": [1, 2, 4]}, "y ~ 1"), "at least two of them"),
+        (lambda: mixed({"participant": [1, 2], "y": [1, 2, 4]}, "y ~ 1"), "same length"),
     ],
 )
 def test_what_cannot_be_used_is_said(call, said):

@@ -193,6 +193,12 @@ def test_a_gap_is_told():
     assert fit.problems == ("separated",)
 
 
+def test_a_gap_beside_guesses_is_where_the_answers_pass_half_way():
+    fit = psychometric([1, 2, 3, 4], [10, 10, 20, 20], [20] * 4, guess=0.5)
+    assert fit.problems == ("separated",) and fit.gap == (2, 3)
+    assert psychometric([1, 10], [10, 11], [20] * 2, guess=0.5, log=True, interval="none").gap == (10, np.inf)
+
+
 def test_lapses_are_told_and_can_be_fitted():
     levels = [1, 1.5, 2, 2.5, 3, 10]
     plain = psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED)
@@ -211,6 +217,12 @@ def test_lapses_are_told_and_can_be_fitted():
         (dict(levels=[1, 2], yes=[0.5, 1]), r"yes\[0\]"),
         (dict(levels=[1, 2], yes=[0, 1], trials=[0, 1.5]), r"trials\[1\]"),
         (dict(levels=[1, 2], yes=[0, 0], trials=[0, 0]), "no trials"),
+        (dict(levels=["a", 2], yes=[0, 1]), "levels must be rows of numbers.*'a'"),
+        (dict(levels=[[1], [2, 3]], yes=[0, 1]), "levels must be rows of numbers"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[1, 2e9]), r"trials\[1\].*at most 1e\+09"),
+        (dict(levels=[1, 2e200], yes=[0, 1]), "another unit"),
+        (dict(levels=[1e-200, 2e-200], yes=[0, 1]), "another unit"),
+        (dict(levels=[1, 2], yes=[0, 1], seed=-1), "seed = -1"),
         (dict(levels=[1, 2], yes=[0, 1], link="cloglog"), "probit, logit"),
         (dict(levels=[1, 2], yes=[0, 1], lapse=0.5), "lapse"),
         (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse=None), "guess"),
