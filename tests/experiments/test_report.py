@@ -19,8 +19,9 @@ def answers():
     columns = simulate(experiment(), Psychometric(2.34, 0.3), 2)
     more = {"participant": "P<03>", "number": 1, "condition": "silent", "track": "high", "outcome": 1.0}
     for level in (1.0, 2.0, 3.0):  # who felt every difference
-        for name, value in (more | {"level": level, "outcome": float(level > 2)}).items():
-            columns[name].append(value)
+        row = more | {"level": level, "outcome": float(level > 2)}
+        for name, column in columns.items():
+            column.append(row.get(name))
     return columns
 
 
