@@ -10,7 +10,7 @@ import numpy as np
 from bench import Row, main, row
 from scipy.special import ndtr
 
-from stimlib.experiments.fits import psychometric
+from stimlib.experiments.fits import psychometric, psychometrics
 from stimlib.speed.timing import interleaved, medians
 
 FITS, LEVELS, ASKED = 32, np.geomspace(0.9, 5.0, 22), 5
@@ -25,9 +25,11 @@ def measure() -> list[Row]:
     answers = np.random.default_rng(1).binomial(ASKED, p, (FITS, LEVELS.size))
     asked, design = np.full(LEVELS.size, ASKED), np.column_stack([np.ones_like(LEVELS), LEVELS])
     probit = Binomial(links.Probit())
+    data = {n: (LEVELS, yes, asked) for n, yes in enumerate(answers)}
     jobs = {
-        "32 fits, profile intervals": lambda: [psychometric(LEVELS, yes, asked) for yes in answers],
-        "32 fits, no intervals": lambda: [psychometric(LEVELS, yes, asked, interval="none") for yes in answers],
+        "32 fits, profile intervals": lambda: psychometrics(data),
+        "32 fits, profile intervals, one by one": lambda: [psychometric(*each) for each in data.values()],
+        "32 fits, no intervals": lambda: psychometrics(data, interval="none"),
         "32 fits, statsmodels": lambda: [GLM(np.column_stack([y, asked - y]), design, family=probit).fit() for y in answers],
     }
     return [row(name, seconds, "s") for name, seconds in medians(interleaved(jobs, 5)).items()]

@@ -75,6 +75,9 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
             regular.publish(tmp_path / name, "new")
         assert not (tmp_path / name).exists()
     assert victim.read_text() == "precious"
+    os.mkfifo(tmp_path / "d.json")
+    with pytest.raises(SinkError, match="not a regular file; remove it"):
+        regular.publish(tmp_path / "d.json", "new")  # as root, a device would be gone
     (tmp_path / "c.json").symlink_to(victim)
     regular.publish(tmp_path / "c.json", "new")
     assert victim.read_text() == "precious" and not (tmp_path / "c.json").is_symlink()

@@ -13,6 +13,7 @@ from ..errors import BadValue
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component
+WINDOWS = ("hann", "none")
 
 
 class Cues(NamedTuple):
@@ -37,7 +38,9 @@ class Cues(NamedTuple):
     b_fit: float  # N s/m
 
 
-def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1) -> Cues:
+def cues(
+    y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
+) -> Cues:
     """Physical interaction cues from a recording.
 
     Parameters
@@ -53,6 +56,9 @@ def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prom
         or its velocity given here.
     prominence : float
         A maximum counts as a peak when it rises above its surroundings by this part of its signal's range.
+    window : {"hann", "none"}
+        How samples weigh in the component's amplitudes.  "none" is the paper's way: of a whole number of periods it gives
+        the bin of a DFT.
 
     Returns
     -------
@@ -79,14 +85,16 @@ def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prom
     ------
     BadValue
         Records of unequal length, not one-dimensional, not finite, of fewer than 8 samples; no movement; fewer than two
-        periods of the dominant component; fs not above 0; prominence not in 0 .. 1.
+        periods of the dominant component; fs not above 0; prominence not in 0 .. 1; an unknown window.
 
     Notes
     -----
     A record rarely holds a whole number of periods, and the bins of a DFT would then leak.  The largest bin only starts
     the search: the frequency is that of the sinusoid plus constant which fits y best, and the amplitudes of y and f are
-    those of the best fit at that frequency, both by least squares under a Hann window.  This is exact, to rounding, for a
-    sinusoid plus constant of any length from two periods on; other components are suppressed as by that window.
+    those of the best fit at that frequency, both by least squares under the window.  This is exact, to rounding, for a
+    sinusoid plus constant of any length from two periods on.  The windows differ in what else is in the record.  Hann's
+    weighs the ends little, where a springpot's force has not yet forgotten that the movement began, and suppresses other
+    components; "none" takes all samples alike, as the DFT of the paper.
 
     References
     ----------
@@ -103,15 +111,17 @@ def cues(y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prom
     >>> round(c.k_S, 6), round(c.b_L, 6), round(c.loss_factor, 6)
     (300.0, 5.0, 0.10472)
     """
-    return cues_of(y, fs, v, prominence)(f)
+    return cues_of(y, fs, v, prominence, window)(f)
 
 
-def cues_of(y: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1) -> Callable[[ArrayLike], Cues]:
+def cues_of(
+    y: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
+) -> Callable[[ArrayLike], Cues]:
     """``cues`` of one displacement and any number of forces: what depends on the displacement alone is done once.
 
     Parameters
     ----------
-    y, fs, v, prominence
+    y, fs, v, prominence, window
         As ``cues``.
 
     Returns
@@ -138,20 +148,23 @@ def cues_of(y: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: flo
         raise BadValue(f"cues: fs = {fs} Hz must be a finite number above 0")
     if not 0 < prominence <= 1:
         raise BadValue(f"cues: prominence = {prominence!r} must be above 0 and at most 1")
+    if window not in WINDOWS:
+        raise BadValue(f"cues: window = {window!r} must be one of {', '.join(WINDOWS)}")
     pos = _record("y", y)
     rate = _record("v", v) if v is not None else np.gradient(pos, 1 / fs)
     if rate.size != pos.size:
         raise BadValue(f"cues: y has {pos.size} samples and v has {rate.size}")
     if np.ptp(pos) <= 1e-12 * np.abs(pos).max():
         raise BadValue("cues: y does not move")
-    w = _frequency(pos, fs)
+    weights = _window(pos.size) if window == "hann" else np.ones(pos.size)
+    w = _frequency(pos, fs, weights)
     periods = w * pos.size / (2 * math.pi * fs)
     if periods < PERIODS * (1 - 1e-6):
         raise BadValue(
             f"cues: the record holds {periods:.2f} periods of its dominant component, {w / (2 * math.pi):.3g} Hz; "
             f"at least {PERIODS} are needed"
         )
-    fit = _fit(pos.size, w / fs)
+    fit = _fit(w / fs, weights)
     moved = _amplitude(fit, pos)
     y_peaks, v_peaks = _mean_of(pos, prominence), _mean_of(rate, prominence)
     y_power, v_power = float(np.sum(pos * pos)), float(np.sum(rate * rate))
@@ -208,18 +221,19 @@ def _window(n: int) -> np.ndarray:
     return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
 
 
-def _waves(n: int, angle: float) -> np.ndarray:
+def _waves(angle: float, window: np.ndarray) -> np.ndarray:
     """cos, sin and 1 at so many rad per sample, from the middle of the record, under the root of the window."""
+    n = window.size
     phase = angle * (np.arange(n) - (n - 1) / 2)
-    return np.stack([np.cos(phase), np.sin(phase), np.ones(n)], axis=1) * np.sqrt(_window(n))[:, None]
+    return np.stack([np.cos(phase), np.sin(phase), np.ones(n)], axis=1) * np.sqrt(window)[:, None]
 
 
-def _fit(n: int, angle: float) -> np.ndarray:
+def _fit(angle: float, window: np.ndarray) -> np.ndarray:
     """Rows whose products with a record sum to cos and sin of its best fit at so many rad per sample, shape (2, n).
 
     Sums in numpy's own order, not a library's: the same bits whatever the number of threads.
     """
-    return np.linalg.pinv(_waves(n, angle))[:2] * np.sqrt(_window(n))
+    return np.linalg.pinv(_waves(angle, window))[:2] * np.sqrt(window)
 
 
 def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
@@ -228,10 +242,9 @@ def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
     return complex(c[0], -c[1])
 
 
-def _frequency(y: np.ndarray, fs: float) -> float:
+def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
     """w in rad/s of the sinusoid plus constant that fits best, by Gauss and Newton from the largest bin of a DFT."""
     n = y.size
-    window = _window(n)
     z = (y - np.sum(window * y) / np.sum(window)) / np.ptp(y)
     size = 8 << (n - 1).bit_length()
     heights = np.abs(np.fft.rfft(window * z, size))
@@ -241,7 +254,7 @@ def _frequency(y: np.ndarray, fs: float) -> float:
     target = z * np.sqrt(window)
     sample = np.arange(n) - (n - 1) / 2
     for _ in range(50):
-        waves = _waves(n, angle)
+        waves = _waves(angle, window)
         a, b, _ = np.linalg.lstsq(waves, target, rcond=None)[0]
         slope = (b * waves[:, 0] - a * waves[:, 1]) * sample * bin_
         step = np.linalg.lstsq(np.column_stack([waves, slope]), target, rcond=None)[0][3]

@@ -105,7 +105,7 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
     Parameters
     ----------
     path : path
-        A link there is replaced, not followed; NAME.part beside it is used.
+        A link there is replaced, not followed; a folder, a pipe or a device is not.  NAME.part beside it is used.
     data : bytes or str
         Text is written as UTF-8.
     error : type
@@ -126,6 +126,8 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
     'whole'
     """
     path = Path(path)
+    if not path.is_symlink():
+        check(path, error)
     part = path.with_name(path.name + ".part")
     fd = create(part, error)
     try:

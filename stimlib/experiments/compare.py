@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core.packages import package
 from ..errors import BadValue, UnknownName
+from .likelihood import numbers
 
 Array = np.ndarray
 ADJUSTMENTS = ("bonferroni", "none")
@@ -326,8 +327,10 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     """
     from scipy.stats import f
 
-    y = np.asarray(values, float)
+    y = numbers("repeated: values", values)
     names = tuple(factors)
+    if len(set(names)) < len(names):
+        raise BadValue(f"repeated: factors {', '.join(names)}: each needs a name of its own")
     if y.ndim < len(names) + 1 or not names:
         raise BadValue(f"repeated: shape {y.shape} has no axis for the participants and one for each of {', '.join(names)}")
     shape = y.shape[y.ndim - len(names) - 1 :]
@@ -411,7 +414,7 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
     columns : dict of str to sequence, or DataFrame
         A row for each answer.
     formula : str
-        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.
+        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are Python, which is run: take none from strangers.
     participant : str
         The column that says whose answer it is.
 
@@ -447,9 +450,14 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
 
     what, extra = "mixed", "'stimlib[experiments]'"
     models = package("statsmodels.regression.mixed_linear_model", what, extra)
-    table = package("pandas", what, extra).DataFrame(columns)
+    try:
+        table = package("pandas", what, extra).DataFrame(columns)
+    except ValueError as e:
+        raise BadValue(f"mixed: {e}") from None
     if participant not in table:
         raise UnknownName(f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}")
+    if table[participant].nunique() < 2:
+        raise BadValue(f"mixed: {participant} has one value: a variance between people needs at least two of them")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
@@ -469,7 +477,7 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
 
 # What is given ---------------------------------------------------------------------------------------------------------
 def _row(what: str, values: ArrayLike, least: int) -> Array:
-    row = np.asarray(values, float)
+    row = numbers(what, values)
     if row.ndim != 1 or row.size < least:
         raise BadValue(f"{what}: give a row of at least {least} values, got shape {row.shape}")
     if not np.isfinite(row).all():
@@ -481,6 +489,8 @@ def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
     if len(groups) < 2:
         raise BadValue(f"{what}: give at least two groups, by name; got {len(groups)}")
     rows = {str(name): _row(f"{what}: {name}", row, 1) for name, row in groups.items()}
+    if len(rows) < len(groups):
+        raise BadValue(f"{what}: groups {', '.join(map(repr, groups))}: two have the same name as text")
     if np.ptp(np.concatenate(list(rows.values()))) == 0:
         raise BadValue(f"{what}: all values are the same")
     return rows

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from ..errors import BadValue
 from .likelihood import curve
@@ -198,5 +201,6 @@ def diagnosis(hits: int, signals: int, correct_rejections: int, noises: int, con
 
 
 def _counts(what: str, k: int, n: int) -> None:
-    if not (k == int(k) and n == int(n) and 0 <= k <= n and n > 0):
+    whole = all(isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v) for v in (k, n))
+    if not (whole and 0 <= k <= n and n > 0):
         raise BadValue(f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the second above 0")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import BadValue
 from .fits import undetermined
-from .likelihood import Sets, maximum
+from .likelihood import Sets, maximum, numbers
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,12 @@ def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math
     >>> [found.cue for found in distances({"force": force, "phase": phase}, answers, d=2.0)]
     ['phase', 'force']
     """
-    said = np.asarray(answers, float)
+    said = numbers("distances: answers", answers)
     if said.ndim != 1 or not said.size or not np.isin(said, (0.0, 1.0)).all():
         raise BadValue("distances: answers must be a row of 0 and 1, one for each trial")
     if not cues:
         raise BadValue("distances: give at least one cue, by name")
-    found = [_distance(name, np.asarray(values, float), said, d) for name, values in cues.items()]
+    found = [_distance(name, numbers(f"distances: {name}", values), said, d) for name, values in cues.items()]
     return tuple(sorted(found, key=lambda v: -v.value if math.isfinite(v.value) else math.inf))
 
 

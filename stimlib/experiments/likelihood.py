@@ -35,6 +35,18 @@ class Sets(NamedTuple):
     n: Array
 
 
+def total(each: ArrayLike) -> Array:
+    """Sum over levels, one after another: levels without trials, which pad a set, change no bit of it.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.likelihood import total
+    >>> total([[1.0, 2.0], [3.0, 0.0]])
+    array([3., 3.])
+    """
+    return np.cumsum(each, axis=-1)[..., -1]
+
+
 class Model(NamedTuple):
     """What is fitted: the link, the rate of guesses (None: as many as lapses), and of lapses (None: fitted)."""
 
@@ -53,6 +65,27 @@ class Found(NamedTuple):
     b: Array
     lapse: Array
     loglik: Array
+
+
+def numbers(what: str, values: ArrayLike) -> Array:
+    """An array of floats; what cannot be one is named.
+
+    Raises
+    ------
+    BadValue
+
+    Examples
+    --------
+    >>> from stimlib.experiments.likelihood import numbers
+    >>> numbers("line: x", [1, "two"])
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.BadValue: line: x must be rows of numbers: could not convert string to float: 'two'
+    """
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as e:
+        raise BadValue(f"{what} must be rows of numbers: {e}") from None
 
 
 def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callable[[Any], Any]]:
@@ -138,7 +171,7 @@ def maximum(
     shape = np.broadcast_shapes(*(v.shape[:-1] for v in sets), c.shape, a.shape, b.shape)
     z = np.broadcast_to(sets.x - c[..., None], shape + sets.x.shape[-1:])
     yes, n = (np.broadcast_to(v, z.shape) for v in sets[1:])
-    size = np.sqrt(np.sum(n * z * z, axis=-1) / np.sum(n, axis=-1))
+    size = np.sqrt(total(n * z * z) / total(n))
     size = np.where(size > 0, size, 1.0)
     sets, b = Sets(z / size[..., None], yes, n), b * size
     if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
@@ -192,9 +225,9 @@ def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, lapse: Array
     eta = at[:, :1] + at[:, 1:] * z
     p, q = probability(eta, model, lapse)
     slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](eta)
-    loglik = np.sum(yes * np.log(p) + (n - yes) * np.log(q), axis=1)
+    loglik = total(yes * np.log(p) + (n - yes) * np.log(q))
     g, w = slope * (yes / p - (n - yes) / q), n * slope * slope / (p * q)
-    g0, g1, w0, w1, w2 = (np.sum(v, axis=1) for v in (g, g * z, w, w * z, w * z * z))
+    g0, g1, w0, w1, w2 = (total(v) for v in (g, g * z, w, w * z, w * z * z))
     if free == (True, True):
         det = w0 * w2 - w1 * w1 + FLOOR
         return loglik, np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0], axis=1) / det[:, None]
@@ -209,7 +242,7 @@ def ends(excess: Callable[[Array], Array], start: ArrayLike, step: ArrayLike) ->
     Parameters
     ----------
     excess : callable
-        Of an array of the starts' shape; quick where it is nearly straight.
+        Of an array of the starts' shape, each number by itself; quick where it is nearly straight.
     start, step : array_like
 
     References
@@ -235,13 +268,14 @@ def ends(excess: Callable[[Array], Array], start: ArrayLike, step: ArrayLike) ->
         far = np.where(inside, near + step, far)
         above = excess(far)
     never = ~(above > 0)
-    middle = far
+    middle, done = far, never
     for _ in range(SECANTS):
-        middle = np.where(never, far, near - below * (far - near) / np.where(never, 1.0, above - below))
+        if done.all():
+            break
+        middle = np.where(done, middle, near - below * (far - near) / np.where(done, 1.0, above - below))
         value = excess(middle)
         out = value > 0
         below, above = np.where(out, below / 2, value), np.where(out, value, above / 2)
         near, far = np.where(out, near, middle), np.where(out, middle, far)
-        if (never | (np.abs(value) <= NEAR)).all():
-            break
+        done = done | (np.abs(value) <= NEAR)
     return np.where(never, np.copysign(np.inf, step), middle)

@@ -13,12 +13,13 @@ import numpy as np
 from ..checks.figures import svg
 from ..checks.page import STYLE, facts, items
 from ..core import regular
-from ..errors import shown
+from ..errors import UnknownName, shown
 from .fits import Fit
 from .tables import Columns, grouped, plain
 
 SHOWN = ("pse", "pse_interval", "jnd", "jnd_interval", "slope", "intercept", "lapse", "trials", "levels", "problems")
 HEADS = {"pse": "PSE", "pse_interval": "PSE, interval", "jnd": "JND", "jnd_interval": "JND, interval"}
+NEEDED = ("participant", "condition", "level", "outcome", "track", "number")
 ACROSS = 4  # pictures in a row
 
 
@@ -60,7 +61,7 @@ def write_report(
     SinkError
         The file cannot be written.
     UnknownName
-        A column is missing.
+        A column is missing, or the answers to a fit.
 
     Examples
     --------
@@ -77,6 +78,8 @@ def write_report(
     True
     """
     fits = fits or {}
+    if missing := [name for name in NEEDED if name not in columns]:
+        raise UnknownName(f"report: there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
     paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
     flagged = [f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()]
     parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
@@ -84,6 +87,8 @@ def write_report(
         parts.append(f"<h2>To be known</h2>{items(notes)}")
     if fits:
         answers = grouped(columns, by)
+        if alien := [key for key in fits if key not in answers]:
+            raise UnknownName(f"report: a fit of {alien[0]!r}, of which there are no answers; by = {', '.join(by)}")
         label = f"level / {unit}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
         parts.append(f"<h2>Psychometric functions</h2>{svg(lambda figure: _curves(figure, answers, fits, label), size)}")
@@ -103,6 +108,11 @@ def write_report(
 
 def _q(text: object) -> str:
     return html.escape(shown(text))
+
+
+def _label(text: str) -> str:
+    """In a picture, where $ would begin a formula."""
+    return shown(text).replace("$", r"\$")
 
 
 def _counts(columns: Columns) -> dict[str, str]:
@@ -170,20 +180,21 @@ def _curves(figure: Any, answers: Mapping[tuple, Columns], fits: Mapping[tuple, 
             ax.plot(np.clip(fit.pse_interval, at[0], at[-1]), [fit(fit.pse)] * 2, color="C1", lw=3)
         if fit.log:
             _logarithmic(ax.xaxis, ax.set_xscale)
-        ax.set_title(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else ""))
+        ax.set_title(_label(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else "")))
         ax.set(ylim=(-0.05, 1.05))
         ax.grid(alpha=0.3)
-    figure.supxlabel(label)
+    figure.supxlabel(_label(label))
     figure.supylabel("proportion of more")
 
 
 def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
     """Levels over trials, a line for each staircase."""
     for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
-        for name, one in grouped(rows, ("track",)).items():
-            ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7, label=str(name[0]))
-        _logarithmic(ax.yaxis, ax.set_yscale)
-        ax.set_title(" ".join(map(str, key)))
+        for one in grouped(rows, ("track",)).values():
+            ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7)
+        if min(map(float, rows["level"])) > 0:
+            _logarithmic(ax.yaxis, ax.set_yscale)
+        ax.set_title(_label(" ".join(map(str, key))))
         ax.grid(alpha=0.3)
     figure.supxlabel("trial")
-    figure.supylabel(f"level / {unit}" if unit else "level")
+    figure.supylabel(_label(f"level / {unit}" if unit else "level"))

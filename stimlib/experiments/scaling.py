@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue
+from .likelihood import numbers
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
     Raises
     ------
     BadValue
-        As `line`; an intensity that is not above 0.
+        As `line`; an intensity that is not above 0; ratings that are all the same.
 
     References
     ----------
@@ -157,7 +158,7 @@ def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
     Raises
     ------
     BadValue
-        As `line`; an intensity or a rating that is not above 0.
+        As `line`; an intensity or a rating that is not above 0; ratings that are all the same.
 
     References
     ----------
@@ -177,6 +178,8 @@ def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
 
 
 def _law(name: str, x: np.ndarray, y: np.ndarray, fitted: Line) -> Law:
+    if np.ptp(y) == 0:
+        raise BadValue(f"{name}: all ratings are {y[0]:g}: there is nothing for a law to explain")
     rest = float(np.sum((y - Law(name, fitted, 0.0, 0.0)(x)) ** 2))
     with np.errstate(divide="ignore"):
         aic = float(x.size * np.log(rest / x.size) + 4)
@@ -201,7 +204,7 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     Raises
     ------
     BadValue
-        An increment not above 0, or shapes that do not fit.
+        No d', an increment not above 0, or shapes that do not fit.
 
     References
     ----------
@@ -213,7 +216,9 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     >>> jnd_from_dprime([1.0, 2.0, 3.0], [0.05, 0.1, 0.15])
     0.05
     """
-    d, step = np.asarray(d, float), np.asarray(increment, float)
+    d, step = numbers("jnd_from_dprime: d", d), numbers("jnd_from_dprime: increment", increment)
+    if not d.size or not step.size:
+        raise BadValue("jnd_from_dprime: there is no d'")
     _above("jnd_from_dprime", "increment", np.atleast_1d(step))
     if d.shape[-1:] != step.shape:
         raise BadValue(f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not {step.shape}")
@@ -222,7 +227,7 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
 
 
 def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x, y = numbers(f"{what}: the first", x), numbers(f"{what}: the second", y)
     if x.ndim != 1 or x.shape != y.shape or x.size < 3:
         raise BadValue(f"{what}: give two rows of one length, of at least three points; got shapes {x.shape} and {y.shape}")
     for name, row in (("first", x), ("second", y)):

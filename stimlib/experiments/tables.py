@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.packages import package
 from ..errors import BadValue, UnknownName
-from .fits import Fit, psychometric
+from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
 """A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a DataFrame is one, too."""
@@ -29,7 +29,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     UnknownName
         No such column.
     BadValue
-        Columns of different lengths.
+        Columns of different lengths; ``by`` that is one text.
 
     Examples
     --------
@@ -37,6 +37,8 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     >>> grouped({"who": ["a", "b", "a"], "level": [1, 2, 3]}, ["who"])
     {('a',): {'who': ['a', 'a'], 'level': [1, 3]}, ('b',): {'who': ['b'], 'level': [2]}}
     """
+    if isinstance(by, str):
+        raise BadValue(f"by = {by!r} must be a list of columns: [{by!r}]")
     if missing := [name for name in by if name not in columns]:
         raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
     rows = {str(name): list(columns[name]) for name in columns}
@@ -76,7 +78,8 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     """
     if missing := [name for name in ("level", "outcome") if name not in columns]:
         raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
-    return {key: psychometric(rows["level"], rows["outcome"], **how) for key, rows in grouped(columns, by).items()}
+    groups = grouped(columns, by)
+    return psychometrics({key: (rows["level"], rows["outcome"]) for key, rows in groups.items()}, **how)
 
 
 def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:
@@ -99,6 +102,8 @@ def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
     if not isinstance(rows, Mapping):
         return [_fields(row) for row in rows]
     keys = [key if isinstance(key, tuple) else (key,) for key in rows]
+    if wrong := [key for key in keys if len(key) != len(names)]:
+        raise BadValue(f"results by {wrong[0]!r}, and names {tuple(names)!r}: give a name for each part of a key")
     return [dict(zip(names, key, strict=True)) | _fields(row) for key, row in zip(keys, rows.values(), strict=True)]
 
 

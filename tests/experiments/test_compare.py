@@ -98,6 +98,8 @@ def test_repeated_measures_are_those_of_statsmodels():
 
 
 def test_epsilon_is_one_of_spherical_data_and_small_of_a_trend():
+    from scipy.stats import f
+
     """Of two conditions it is 1; of people who differ in one direction only it is 1/df; by the printed formula between."""
     y = np.random.default_rng(3).normal(size=(9, 4))
     (effect,) = repeated(y)
@@ -110,6 +112,8 @@ def test_epsilon_is_one_of_spherical_data_and_small_of_a_trend():
     trend = np.outer(np.arange(9.0), [0, 1, 2, 3]) + [0, 0, 1, 0]
     assert repeated(trend)[0].epsilon == pytest.approx(1 / 3)
     assert repeated(trend)[0].p_corrected > repeated(trend)[0].p
+    df = 3 * effect.epsilon, 3 * (len(y) - 1) * effect.epsilon
+    assert effect.p_corrected == pytest.approx(f.sf(effect.F, *df), rel=1e-10)
     assert 0 < effect.eta2 < 1 and effect.eta2 == pytest.approx(effect.F * 3 / (effect.F * 3 + 24))
 
 
@@ -150,7 +154,10 @@ def test_sensitivity_to_six_digits():
     assert round(plain.d, 6) == 1.830730 and not plain.corrected and plain.criterion == pytest.approx(0)
     assert detection(45, 50, 20, 50).criterion < 0 < detection(30, 50, 5, 50).criterion  # rather yes, rather no
     assert detection(50, 50, 0, 50, "loglinear").hit_rate == 50.5 / 51
-    assert detection(50, 50, 0, 50, "half").false_alarm_rate == 0.01
+    assert detection(50, 50, 0, 50, "half").false_alarm_rate == 0.01 and detection(50, 50, 0, 50, "half").hit_rate == 0.99
+    H, z = 10.5 / 11, 1.6906216295848984  # 10 of 10, and none, with half an answer more of each kind
+    error = np.sqrt(2 * H * (1 - H) / (11 * (np.exp(-z * z / 2) / np.sqrt(2 * np.pi)) ** 2))
+    assert detection(10, 10, 0, 10, "loglinear").standard_error == pytest.approx(error, rel=1e-6)
     assert detection(50, 50, 0, 50, "none").d == np.inf
     assert detection(0, 40, 1, 50).hit_rate == 1 / 41
 
@@ -190,6 +197,7 @@ def test_proportions_of_the_nodules():
         (lambda: anova({"a": [1], "b": [2]}), "no error"),
         (lambda: paired([1, 2], [1, 2, 3]), "same order"),
         (lambda: paired([1, 2], [2, 3]), "no spread"),
+        (lambda: paired([0.1, 0.2], [0.2, 0.3]), "no spread"),  # but for rounding
         (lambda: shapiro([1, 1, 1]), "no spread"),
         (lambda: repeated([1, 2]), "no axis"),
         (lambda: repeated([[1, 2]]), "at least two"),
@@ -199,7 +207,14 @@ def test_proportions_of_the_nodules():
         (lambda: detection(51, 50, 1, 50), "51 of 50"),
         (lambda: detection(1, 50, 1, 0), "1 of 0"),
         (lambda: detection(1, 2, 1, 2, "add"), "loglinear"),
+        (lambda: detection(1, 2, np.nan, 2), "nan of 2"),
+        (lambda: wilson(1, np.inf), "1 of inf"),
         (lambda: wilson(1, 2, 95), "confidence"),
+        (lambda: kruskal({1: [1, 2], "1": [3, 4], 2: [5, 6]}), "same name"),
+        (lambda: anova({"a": ["x"], "b": [1]}), "anova: a must be rows of numbers"),
+        (lambda: repeated(np.eye(4).reshape(4, 2, 2), ("c", "c")), "name of its own"),
+        (lambda: mixed({"participant": [1, 1, 1], "y": [1, 2, 4]}, "y ~ 1"), "at least two of them"),
+        (lambda: mixed({"participant": [1, 2], "y": [1, 2, 4]}, "y ~ 1"), "same length"),
     ],
 )
 def test_what_cannot_be_used_is_said(call, said):

@@ -19,8 +19,9 @@ def answers():
     columns = simulate(experiment(), Psychometric(2.34, 0.3), 2)
     more = {"participant": "P<03>", "number": 1, "condition": "silent", "track": "high", "outcome": 1.0}
     for level in (1.0, 2.0, 3.0):  # who felt every difference
-        for name, value in (more | {"level": level, "outcome": float(level > 2)}).items():
-            columns[name].append(value)
+        row = more | {"level": level, "outcome": float(level > 2)}
+        for name, column in columns.items():
+            column.append(row.get(name))
     return columns
 
 
@@ -64,6 +65,33 @@ def test_what_is_missing_is_said(answers):
         fitted({"participant": [], "condition": [], "level": []})
     with pytest.raises(BadValue, match="level 1"):
         grouped({"who": ["a", "b"], "level": [1]}, ["who"])
+
+
+@pytest.mark.parametrize("level", [[-3.0, 1.0] * 4, [0.0, 1.0] * 4])
+def test_hostile_names_and_levels_make_a_page(level, tmp_path):
+    """Tags, a formula that is none, control characters, half a character; levels that no logarithm takes."""
+    who = "<script>x</script>$\\frac{\x00\ud800\u202e"
+    rows = {"participant": [who] * 8, "condition": ["]]>"] * 8, "track": ["<b>$_"] * 8, "number": list(range(8))}
+    rows |= {"level": level, "outcome": [0, 1, 1, 1, 0, 0, 1, 1]}
+    fits = fitted(rows, interval="none")
+    write_report(tmp_path / "a.html", who, who, rows, fits=fits, tables={who: fits.values()}, notes=[who], unit=who)
+    page = (tmp_path / "a.html").read_bytes().decode()
+    assert "<script" not in page and "<b>" not in page and "\x00" not in page and "\u202e" not in page
+    assert page.count("&lt;script&gt;x&lt;/script&gt;$\\frac{") >= 6 and page.count("<svg") == 2
+    assert [ax for ax in re.findall(r'id="(\w+tick_\d+)"', page)]
+
+
+def test_a_page_of_answers_that_do_not_fit_is_an_error(answers, tmp_path):
+    fits = fitted(answers, interval="none")
+    with pytest.raises(UnknownName, match="no column 'track'"):
+        write_report(tmp_path / "a", "", "", {k: v for k, v in answers.items() if k != "track"})
+    with pytest.raises(UnknownName, match=r"a fit of \('P01', 'silent'\).*by = participant"):
+        write_report(tmp_path / "a", "", "", answers, fits=fits, by=["participant"])
+    with pytest.raises(BadValue, match=r"\['participant'\]"):
+        grouped(answers, "participant")
+    with pytest.raises(BadValue, match="a name for each"):
+        plain(fits, ["participant"])
+    assert not list(tmp_path.iterdir())
 
 
 def test_without_pandas_a_table_says_what_to_install(monkeypatch):
