@@ -40,6 +40,30 @@ window.looks = {
     return { blue, at: 8 + high * (p.top - value) / (p.top - p.bottom) };
   },
 
+  /** A panel that is drawn in steps of `step` samples beside one that is drawn once: largest difference of a pixel, and how many
+      columns have a curve. Signal i is a sine, without samples 200 .. 299. */
+  async grown(signals, samples, fs, step) {
+    const { History, Panel, palette } = await import("./plots.js"), colours = palette(), parent = document.querySelector("#outputs");
+    const all = [...Array(signals).keys()], history = new History(10 * fs, all.map(() => 1));
+    const made = () => new Panel(all.map(index => ({ index, name: `y${index}`, unit: "V" })), history, parent);
+    const grown = made();
+    for (let k = 0; k < samples; k += step) {
+      const y = all.flatMap(i => Array.from({ length: step }, (_, j) => 0.9 * Math.sin((k + j) / (30 - 13 * i))));
+      if (k < 200 || k >= 300) history.push(k, step, y);
+      grown.draw(fs, 1, colours, false);
+    }
+    const once = made();
+    once.draw(fs, 1, colours, false);
+    const [a, b] = [grown, once].map(({ canvas: c }) => c.getContext("2d").getImageData(0, 0, c.width, c.height));
+    const ink = ({ data }, k) => (k % 4 < 3 ? data[k] * data[k | 3] / 255 : data[k]); // colours of faint pixels say little
+    const edge = k => (k >> 2) % a.width < 61; // where the window cuts a line
+    const worst = a.data.reduce((most, _, k) => (edge(k) ? most : Math.max(most, Math.abs(ink(a, k) - ink(b, k)))), 0);
+    const seen = new Set();
+    for (let k = 0; k < a.data.length; k += 4) if (a.data[k + 2] - a.data[k] > 60) seen.add(k / 4 % a.width);
+    for (const p of [grown, once]) p.root.remove();
+    return { worst, columns: seen.size, wide: a.width - 68 };
+  },
+
   /** The middle of what is blue in the field, across. */
   ball() {
     const c = document.querySelector("#field"), all = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;

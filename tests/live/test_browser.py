@@ -333,6 +333,15 @@ def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(f
     assert out[1:] == [100, [7, 8], None, 5, 1]
 
 
+def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
+    """Two with dashes and a gap, one that has gone through the window twice, and one with fewer samples than pixels."""
+    first.js(LOOKS)
+    two, long, few = (first.js(f"looks.grown({how})") for how in ("2, 900, 1000, 20", "1, 2500, 1000, 20", "1, 420, 100, 10"))
+    assert max(two["worst"], long["worst"], few["worst"]) <= 100  # of 255: smoothing of edges differs by a quarter of that
+    assert long["columns"] >= long["wide"] - 1
+    assert few["columns"] >= few["wide"] - 5  # half a sample at each end
+
+
 def test_numbers_and_units_as_people_write_them(first):
     out = first.js("""import('./scales.js').then(m => [
         m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),

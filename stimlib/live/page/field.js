@@ -1,7 +1,7 @@
 // The field in which fingers move: mouse, pen, touch and keys in, places drawn; or the soft surface of a scene for the eye.
 
 import { axes } from "./controls.js";
-import { frame, sharp } from "./plots.js";
+import { Backdrop, frame, sharp } from "./plots.js";
 import { scaled, short, text, ticks } from "./scales.js";
 import { camera, draw as drawSurface, levelAt } from "./surface.js";
 
@@ -15,7 +15,7 @@ const lowest = taken => Array.from({ length: FINGERS }, (_, k) => k).find(k => !
 export class Field {
   /** `say` takes messages for the server. */
   constructor(canvas, say) {
-    Object.assign(this, { canvas, say, view: null, sources: {}, units: {}, dirty: true, hard: false });
+    Object.assign(this, { canvas, say, view: null, sources: {}, units: {}, dirty: true, hard: false, back: new Backdrop(canvas) });
     Object.assign(this, { fingers: new Map(), held: new Map(), keys: new Map() });
     this.hover = { finger: 0, t: 0 };
     this.box = { x: 0, y: 0, w: 1, h: 1 };
@@ -153,10 +153,18 @@ export class Field {
 
   draw(colours, outputs) {
     if (this.view) { this.surface(this.avatars(outputs)); return; }
-    const { g, wide, high } = sharp(this.canvas);
-    const { left, right, top, bottom } = MARGIN, { u, v } = axes(this.sources);
-    const box = this.box = { x: left, y: top, w: wide - left - right, h: high - top - bottom };
+    const { canvas, back, sources } = this, { left, right, top, bottom } = MARGIN, { u, v } = axes(sources);
+    const box = this.box = { x: left, y: top, w: canvas.clientWidth - left - right, h: canvas.clientHeight - top - bottom };
     this.cam = null;
+    const paper = back.changed(colours, sources, this.units);
+    if (paper) this.paper(paper, box, colours, u, v);
+    const g = back.show();
+    g.scale(devicePixelRatio || 1, devicePixelRatio || 1);
+    for (const [finger, f] of this.fingers)
+      this.finger(g, box, colours, finger, f, ...[u, v].map(all => all.some(a => a.finger === finger)));
+  }
+
+  paper({ g, high }, box, colours, u, v) { // what stays while fingers move
     const across = this.axis(u, box.w), up = this.axis(v, box.h);
     g.strokeStyle = colours.line;
     g.strokeRect(box.x + 0.5, box.y + 0.5, box.w, box.h);
@@ -165,8 +173,6 @@ export class Field {
     g.textAlign = "center";
     g.textBaseline = "alphabetic";
     g.fillText(across.name, box.x + box.w / 2, high - 6);
-    for (const [finger, f] of this.fingers)
-      this.finger(g, box, colours, finger, f, ...[u, v].map(all => all.some(a => a.finger === finger)));
   }
 
   finger(g, box, colours, finger, { u, v, p, on }, crosses, climbs) {

@@ -17,10 +17,10 @@ const say = message => link.postMessage(message);
 /** What the page knows; tests and benchmarks read it. */
 export const live = {
   hello: null, state: null, report: null, history: null, sound, field: null, panels: [], outputs: {}, blocks: 0,
-  drawn: [], pictures: 0, cost: 0, // ms from the pointer to the picture; pictures of all curves, and ms that one takes
+  drawn: [], pictures: 0, cost: 0, // ms from the pointer to the picture; pictures of the curves, and ms that one takes
 };
 let colours = palette(), show = {}, heard = 0, log = "", peak = 0, clips = 0;
-let clipped = -1e9, told = 0, plotted = 0, shown = -1, marks = [], last = 0; // when, and for which samples
+let level = -1, clipped = -1e9, told = 0, plotted = 0, shown = -1, marks = [], last = 0; // when, and for which samples
 
 const touch = message => { if (live.state?.role === "control") say(message); }; // who watches moves nothing
 const field = live.field = new Field($("field"), touch);
@@ -168,8 +168,12 @@ function meter(seconds) {
   const db = Math.max(QUIET, 20 * Math.log10(peak + 1e-9));
   peak *= 10 ** (-seconds); // 20 dB in a second
   const bar = $("meter");
-  bar.firstElementChild.style.transform = `scaleX(${1 - db / QUIET})`;
-  bar.classList.toggle("high", db > -3);
+  const part = Math.round(200 * (1 - db / QUIET)) / 200;
+  if (part !== level) {
+    level = part;
+    bar.firstElementChild.style.transform = `scaleX(${part})`;
+    bar.classList.toggle("high", db > -3);
+  }
   return db;
 }
 
@@ -205,16 +209,15 @@ function tick(now) {
     }
   }
   const fresh = live.history && (live.history.end !== shown || now - plotted > 500); // or another size, theme or choice
-  const pause = calm.matches ? 250 : Math.max(30, 3 * live.cost); // ms: curves take at most a third of the time
-  if (fresh && now - plotted > pause) {
+  const pause = calm.matches ? 250 : 3 * live.cost; // ms: curves take at most a third of the time
+  if (fresh && now - plotted >= pause) {
     plotted = now;
     shown = live.history.end;
     live.pictures++;
     const begun = performance.now();
     const { fs, inputs, outputs } = live.hello;
     for (const p of live.panels) p.draw(fs, +$("window").value, colours, telling);
-    spectrum.take(inputs.length + heard, fs);
-    spectrum.draw(fs, outputs[heard].unit, colours);
+    if (spectrum.take(inputs.length + heard, fs) || telling) spectrum.draw(fs, outputs[heard].unit, colours);
     for (const t of marks) if (live.drawn.push(clock() - t) > 1000) live.drawn.shift();
     marks = [];
     live.cost += 0.2 * (performance.now() - begun - live.cost);

@@ -1,5 +1,6 @@
 // Live curves on plain canvases: signals over time, a panel for each kind and unit, and the spectrum of what is heard.
 
+import { Envelope, Strip } from "./curve.js";
 import { pretty, roundUp, scaled, short, text, ticks } from "./scales.js";
 import { density, lines, smooth } from "./spectrum.js";
 
@@ -9,11 +10,15 @@ const LEFT = 58, RIGHT = 10, TOP = 8, BOTTOM = 20, LOUD = 100; // css pixels rou
 export class History {
   /** `size` samples of as many signals as there are `factors`, by which what comes is multiplied. */
   constructor(size, factors) {
-    Object.assign(this, { size, factors, end: 0, rings: factors.map(() => new Float32Array(size).fill(NaN)) });
+    Object.assign(this, { size, factors, end: 0, session: 0, rings: factors.map(() => new Float32Array(size).fill(NaN)) });
   }
   /** n samples of each signal, one signal after the other, the first of them number `first`; a gap stays empty. */
   push(first, n, samples) {
-    if (first < this.end) { this.end = 0; for (const r of this.rings) r.fill(NaN); } // a new session
+    if (first < this.end) { // a new session
+      this.end = 0;
+      this.session++;
+      for (const r of this.rings) r.fill(NaN);
+    }
     const { size, factors } = this, skipped = Math.min(first - this.end, size);
     this.rings.forEach((r, i) => {
       for (let k = first - skipped; k < first; k++) r[k % size] = NaN;
@@ -25,22 +30,52 @@ export class History {
   /** The newest `n` of a signal, or null where there are fewer. */
   last(i, n) {
     if (this.end < n || n > this.size) return null;
-    const out = Float32Array.from({ length: n }, (_, k) => this.rings[i][(this.end - n + k) % this.size]);
+    const out = new Float32Array(n), ring = this.rings[i], at = (this.end - n) % this.size, right = Math.min(n, this.size - at);
+    out.set(ring.subarray(at, at + right));
+    out.set(ring.subarray(0, n - right), right);
     return out.some(Number.isNaN) ? null : out;
   }
 }
 
-/** A canvas that is as sharp as the screen: calls back with its context and size in css pixels. */
-export function sharp(canvas) {
-  const wide = canvas.clientWidth, high = canvas.clientHeight, ratio = devicePixelRatio || 1;
-  if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(high * ratio)) {
-    canvas.width = Math.round(wide * ratio);
-    canvas.height = Math.round(high * ratio);
-  }
+/** A canvas as sharp as the screen, empty: its context and size in css pixels. */
+export function sharp(canvas, wide = canvas.clientWidth, high = canvas.clientHeight) {
+  const ratio = devicePixelRatio || 1, size = { width: Math.round(wide * ratio), height: Math.round(high * ratio) };
+  if (canvas.width !== size.width || canvas.height !== size.height) Object.assign(canvas, size);
   const g = canvas.getContext("2d");
   g.setTransform(ratio, 0, 0, ratio, 0, 0);
   g.clearRect(0, 0, wide, high);
   return { g, wide, high };
+}
+
+const offScreen = new Set(), watched = new IntersectionObserver(all => {
+  for (const { target, isIntersecting } of all) if (isIntersecting) offScreen.delete(target); else offScreen.add(target);
+});
+
+/** What changes seldom, kept as a picture on which a canvas is drawn anew. */
+export class Backdrop {
+  constructor(canvas) {
+    Object.assign(this, { canvas, kept: document.createElement("canvas"), g: canvas.getContext("2d"), key: [] });
+    watched.observe(canvas);
+  }
+  /** Whether the canvas is there to be seen and has room. */
+  get seen() { return !offScreen.has(this.canvas) && this.canvas.clientWidth > LEFT + RIGHT + 40; }
+  /** If the canvas or one of `key` is another: an empty picture to paint, as of `sharp`. */
+  changed(...key) {
+    const { canvas, kept } = this, now = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio, ...key];
+    if (now.every((v, i) => v === this.key[i])) return null;
+    this.key = now;
+    const made = sharp(kept, now[0], now[1]);
+    if (canvas.width !== kept.width || canvas.height !== kept.height)
+      Object.assign(canvas, { width: kept.width, height: kept.height });
+    return made;
+  }
+  /** The canvas with nothing else on it; in pixels of the screen. */
+  show() {
+    this.g.setTransform(1, 0, 0, 1, 0, 0);
+    this.g.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.g.drawImage(this.kept, 0, 0);
+    return this.g;
+  }
 }
 
 /** The colours of the page's style, as they are in its theme now. */
@@ -53,8 +88,7 @@ export function palette() {
   return { ink, soft, line, panel, accent, curves };
 }
 
-const DASHES = [[], [6, 3], [2, 3], [8, 3, 2, 3], [], [6, 3]]; // so that colour is not the only difference
-
+/** Lines and labels of a plot: [pixel, label] across and up, and what the values are in. */
 export function frame(g, box, colours, xs, ys, name) {
   g.font = "12px system-ui, sans-serif";
   g.strokeStyle = colours.line;
@@ -84,25 +118,11 @@ export function frame(g, box, colours, xs, ys, name) {
   g.restore();
 }
 
-/** Lowest and highest of a ring in absolute bins, so that a curve does not flicker as it moves. */
-function envelope(ring, size, from, to, per, draw) {
-  for (let b = Math.floor(from / per); b * per < to; b++) {
-    let low = Infinity, high = -Infinity;
-    const stop = Math.min(to, Math.ceil((b + 1) * per));
-    for (let k = Math.max(from, Math.ceil(b * per)); k < stop; k++) {
-      const v = ring[k % size];
-      if (v < low) low = v;
-      if (v > high) high = v;
-    }
-    draw((b + 0.5) * per, low, high);
-  }
-}
-
 /** One panel over time: signals of one unit, with a legend that says their values. */
 export class Panel {
   /** `signals`: [{index, name, unit, low, high}], low and high where a range is known. */
   constructor(signals, history, parent) {
-    Object.assign(this, { signals, history, top: 0, bottom: 0 });
+    Object.assign(this, { signals, history, top: 0, bottom: 0, strip: new Strip(), fitted: [] });
     const names = signals.map(s => s.name).join(", ");
     this.root = document.createElement("figure");
     this.root.className = "plot";
@@ -119,6 +139,7 @@ export class Panel {
     this.values.forEach((v, i) => { v.setAttribute("aria-label", signals[i].name); v.setAttribute("aria-live", "off"); });
     this.root.append(legend, this.canvas);
     parent.append(this.root);
+    this.back = new Backdrop(this.canvas);
   }
 
   scale(low, high) {
@@ -131,54 +152,53 @@ export class Panel {
     if (this.top === this.bottom) this.top = this.bottom + 1;
   }
 
-  draw(fs, seconds, colours, told) {
-    const { g, wide, high } = sharp(this.canvas), { history, signals } = this, { size, end } = history;
-    const box = { x: LEFT, y: TOP, w: wide - LEFT - RIGHT, h: high - TOP - BOTTOM };
-    if (box.w < 40) return;
-    const span = Math.min(size, Math.round(seconds * fs)), from = Math.max(0, end - span), per = span / box.w;
-    const curves = signals.map(({ index }) => {
-      const points = [];
-      envelope(history.rings[index], size, from, end, per, (at, a, b) => points.push(at, a, b));
-      return points;
+  /** Envelopes of the window that is chosen, filled anew if another is, or the size is another. */
+  fit(span, wide) {
+    const { history } = this, now = [span, wide, history.session];
+    if (now.every((v, i) => v === this.fitted[i])) return;
+    this.fitted = now;
+    this.curves = this.signals.map(() => new Envelope(Math.min(span, wide), Math.max(1, span / wide)));
+  }
+
+  /** Takes what is new; the first bin that is. The scale follows. */
+  take() {
+    const { signals, history, curves } = this;
+    let first = Infinity, low = Infinity, high = -Infinity;
+    signals.forEach(({ index }, i) => {
+      first = Math.min(first, curves[i].take(history.rings[index], history.end));
+      for (const v of curves[i].low) if (v < low) low = v;
+      for (const v of curves[i].high) if (v > high) high = v;
     });
-    let low = Infinity, top = -Infinity;
-    for (const p of curves)
-      for (let i = 0; i < p.length; i += 3) {
-        if (p[i + 1] < low) low = p[i + 1];
-        if (p[i + 2] > top) top = p[i + 2];
-      }
-    if (low <= top) this.scale(low, top); else this.scale(0, 0);
-    const { factor, unit } = scaled(signals[0].unit, Math.max(Math.abs(this.bottom), Math.abs(this.top)) * 0.999);
-    const y = v => box.y + box.h * (this.top - v) / (this.top - this.bottom), x = k => box.x + box.w * (k - (end - span)) / span;
-    const up = ticks(this.bottom * factor, this.top * factor, Math.max(2, box.h / 34));
-    const across = ticks(-seconds, 0, Math.min(8, box.w / 90));
-    frame(g, box, colours, across.at.map(t => [box.x + box.w * (1 + t / seconds), t ? text(t, across.step) : "0 s"]),
-      up.at.map(v => [y(v / factor), text(v, up.step)]), unit);
-    g.save();
-    g.beginPath();
-    g.rect(box.x, box.y - 2, box.w, box.h + 4);
-    g.clip();
-    curves.forEach((points, i) => trace(g, points, x, y, colours.curves[i % 6], DASHES[i % 6], per));
-    g.restore();
+    if (low <= high) this.scale(low, high); else this.scale(0, 0);
+    return first;
+  }
+
+  draw(fs, seconds, colours, told) {
+    const { canvas, history, signals, back, strip } = this, ratio = devicePixelRatio || 1;
+    if (!back.seen) return;
+    const box = { x: LEFT, y: TOP, w: canvas.clientWidth - LEFT - RIGHT, h: canvas.clientHeight - TOP - BOTTOM };
+    this.fit(Math.min(history.size, Math.round(seconds * fs)), Math.round(box.w * ratio));
+    let first = this.take();
+    const { top, bottom } = this, { factor, unit } = scaled(signals[0].unit, Math.max(Math.abs(bottom), Math.abs(top)) * 0.999);
+    const paper = back.changed(seconds, top, bottom, colours, this.curves);
+    if (paper) {
+      axes(paper.g, box, colours, seconds, bottom * factor, top * factor, unit);
+      strip.clear(this.curves[0].columns, Math.round(box.w * ratio), Math.round((box.h + 4) * ratio), ratio);
+      first = 0;
+    }
+    const high = box.h * ratio / (top - bottom), zero = 2 * ratio + high * top;
+    const newest = Math.floor((history.end - 1) / this.curves[0].per);
+    strip.draw(this.curves, first, newest, v => zero - high * v, colours.curves);
+    strip.show(back.show(), Math.round(box.x * ratio), Math.round((box.y - 2) * ratio));
     if (told) this.values.forEach((v, i) => { v.textContent = `${short(history.newest(signals[i].index) * factor)} ${unit}`; });
   }
 }
 
-function trace(g, points, x, y, paint, dash, per) {
-  g.strokeStyle = paint;
-  g.lineWidth = 1.5;
-  g.lineJoin = "round";
-  g.setLineDash(per > 1 ? dash : []);
-  g.beginPath();
-  for (let i = 0, down = false; i < points.length; i += 3) {
-    if (!(points[i + 1] <= points[i + 2])) { down = false; continue; } // a gap
-    const at = x(points[i]);
-    if (down) g.lineTo(at, y(points[i + 1])); else g.moveTo(at, y(points[i + 1]));
-    if (points[i + 2] > points[i + 1]) g.lineTo(at, y(points[i + 2]));
-    down = true;
-  }
-  g.stroke();
-  g.setLineDash([]);
+/** Of curves over the last seconds, their values from `low` to `high`. */
+function axes(g, box, colours, seconds, low, high, unit) {
+  const up = ticks(low, high, Math.max(2, box.h / 34)), across = ticks(-seconds, 0, Math.min(8, box.w / 90));
+  frame(g, box, colours, across.at.map(t => [box.x + box.w * (1 + t / seconds), t ? text(t, across.step) : "0 s"]),
+    up.at.map(v => [box.y + box.h * (high - v) / (high - low), text(v, up.step)]), unit);
 }
 
 /** The spectrum of one signal: dB over the logarithm of frequency. */
@@ -187,15 +207,16 @@ export class Spectrum {
     Object.assign(this, { canvas, history, mean: null, key: "", peak: -Infinity, at: 0 });
   }
 
-  /** Takes the newest samples of signal `index` if half a window of new ones has come. */
+  /** Takes the newest samples of signal `index` if a quarter of a window of new ones has come; whether it has. */
   take(index, fs) {
     const n = lines(fs), { history } = this, key = `${index} ${fs}`;
     if (key !== this.key || history.end < this.at) Object.assign(this, { key, mean: null, at: 0 });
-    if (history.end - this.at < n / 4) return;
+    if (history.end - this.at < n / 4) return false;
     const x = history.last(index, n);
-    if (!x) return;
+    if (!x) return false;
     this.at = history.end;
     this.mean = smooth(this.mean, density(x, fs), 0.3);
+    return true;
   }
 
   draw(fs, unit, colours) {
