@@ -30,6 +30,17 @@ def test_the_step_follows_the_servers_clock(pace):
     assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.004)  # s: two blocks, and what the card takes at once
 
 
+def test_a_slow_server_leaves_the_ring_its_reserve_while_its_clock_is_learnt():
+    """A control of half the gain lets 6 ms go, and what is 8 ms late finds nothing."""
+    assert heard(pace=0.998, jitter=0.008)["under"] == 0
+
+
+def test_a_stall_forgets_no_clock():
+    """What was learnt before is used at once: else the ring loses its reserve again."""
+    y = heard(pace=0.998, stall=18.0, late=True)
+    assert y["under"] == 1 and y["ratio"] == pytest.approx(0.998, abs=4e-4)
+
+
 def test_without_the_control_it_runs_dry():
     assert heard(pace=0.998, steer=False)["under"] > 0
 
