@@ -43,7 +43,8 @@ window.looks = {
   /** A panel that is drawn in steps of `step` samples beside one that is drawn once: largest difference of a pixel, and how many
       columns have a curve. Signal i is a sine, without samples 200 .. 299. */
   async grown(signals, samples, fs, step) {
-    const { History, Panel, palette } = await import("./plots.js"), colours = palette(), parent = document.querySelector("#outputs");
+    const { History, Panel, palette } = await import("./plots.js"), colours = palette();
+    const parent = document.querySelector("#outputs");
     const all = [...Array(signals).keys()], history = new History(10 * fs, all.map(() => 1));
     const made = () => new Panel(all.map(index => ({ index, name: `y${index}`, unit: "V" })), history, parent);
     const grown = made();

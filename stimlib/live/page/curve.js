@@ -6,7 +6,8 @@ const DASHES = [[], [6, 3], [2, 3], [8, 3, 2, 3], [], [6, 3]]; // so that colour
 export class Envelope {
   constructor(columns, per) {
     const filled = v => new Float32Array(columns).fill(v);
-    Object.assign(this, { columns, per, end: 0, low: filled(Infinity), high: filled(-Infinity), along: new Float64Array(columns) });
+    Object.assign(this, { columns, per, end: 0, low: filled(Infinity), high: filled(-Infinity) });
+    this.along = new Float64Array(columns); // pixels of line before a bin
   }
 
   /** Takes the samples of a ring up to number `end`; the first bin that is not as it was. Bins are absolute: none flickers. */

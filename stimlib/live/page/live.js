@@ -17,10 +17,10 @@ const say = message => link.postMessage(message);
 /** What the page knows; tests and benchmarks read it. */
 export const live = {
   hello: null, state: null, report: null, history: null, sound, field: null, panels: [], outputs: {}, blocks: 0,
-  drawn: [], pictures: 0, cost: 0, // ms from the pointer to the picture; pictures of the curves, and ms that one takes
+  drawn: [], pictures: 0, // ms from the pointer to the picture; pictures of the curves
 };
 let colours = palette(), show = {}, heard = 0, log = "", peak = 0, clips = 0;
-let level = -1, clipped = -1e9, told = 0, plotted = 0, shown = -1, marks = [], last = 0; // when, and for which samples
+let level = -1, clipped = -1e9, told = 0, shown = -1, marks = [], last = 0; // when, and for which samples
 
 const touch = message => { if (live.state?.role === "control") say(message); }; // who watches moves nothing
 const field = live.field = new Field($("field"), touch);
@@ -185,13 +185,38 @@ function lag() {
   return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians).${gaps}`;
 }
 
+/** What is drawn with a frame, but takes at most a third of the time, on however slow a machine. */
+class Turn {
+  cost = 0; // ms
+  last = 0;
+  due(now, least) { return now - this.last >= Math.max(least, 3 * this.cost); }
+  take(now, draw) {
+    const begun = performance.now();
+    draw();
+    this.last = now;
+    this.cost += 0.2 * (performance.now() - begun - this.cost);
+  }
+}
+
 let before = 0;
+const hand = new Turn(), curves = new Turn(), lines = new Turn();
+function plot(now, telling) {
+  const { fs, inputs, outputs } = live.hello;
+  shown = live.history.end;
+  live.pictures++;
+  for (const p of live.panels) p.draw(fs, +$("window").value, colours, telling);
+  if (spectrum.take(inputs.length + heard, fs) || lines.due(now, 250))
+    lines.take(now, () => spectrum.draw(fs, outputs[heard].unit, colours));
+  for (const t of marks) if (live.drawn.push(clock() - t) > 1000) live.drawn.shift();
+  marks = [];
+}
+
 function tick(now) {
   requestAnimationFrame(tick);
   field.tick(now);
-  if (field.dirty && (!calm.matches || !field.view || now - plotted > 100)) {
+  if (field.dirty && hand.due(now, calm.matches && field.view ? 100 : 0)) {
     field.dirty = false;
-    field.draw(colours, live.outputs);
+    hand.take(now, () => field.draw(colours, live.outputs));
   }
   const db = meter(Math.min(0.2, (now - before) / 1000)), telling = now - told > 250;
   before = now;
@@ -208,19 +233,7 @@ function tick(now) {
       $("clip").textContent = on ? "clip" : "no clip";
     }
   }
-  const fresh = live.history && (live.history.end !== shown || now - plotted > 500); // or another size, theme or choice
-  const pause = calm.matches ? 250 : 3 * live.cost; // ms: curves take at most a third of the time
-  if (fresh && now - plotted >= pause) {
-    plotted = now;
-    shown = live.history.end;
-    live.pictures++;
-    const begun = performance.now();
-    const { fs, inputs, outputs } = live.hello;
-    for (const p of live.panels) p.draw(fs, +$("window").value, colours, telling);
-    if (spectrum.take(inputs.length + heard, fs) || telling) spectrum.draw(fs, outputs[heard].unit, colours);
-    for (const t of marks) if (live.drawn.push(clock() - t) > 1000) live.drawn.shift();
-    marks = [];
-    live.cost += 0.2 * (performance.now() - begun - live.cost);
-  }
+  const fresh = live.history && (live.history.end !== shown || now - curves.last > 500); // or another size, theme or choice
+  if (fresh && curves.due(now, calm.matches ? 250 : 0)) curves.take(now, () => plot(now, telling));
 }
 requestAnimationFrame(tick);
