@@ -115,7 +115,7 @@ class Stream:
         bandwidth: float = SMOOTH,
     ):
         self.scene, self.fs, self.seed, self.folder = scene, float(fs), seed, Path(folder)
-        self.block = block or max(1, round(0.004 * fs))
+        self.block = max(1, round(0.004 * self.fs)) if block is None else block
         self.ranges = ranges_of(scene, ranges)
         if safety is None:
             safety = Safety(full_scales(scene, fs, self.ranges))

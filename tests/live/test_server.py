@@ -1,6 +1,8 @@
 """The server of the live page, driven by a WebSocket client of its own: a session, a recording, strangers and floods."""
 
 import json
+import logging
+import signal
 import socket
 import time
 import urllib.error
@@ -13,10 +15,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from stimlib import Input, Param, Scene, constant
+from stimlib.errors import SinkError
 from stimlib.files.replay import delivered, replay
 from stimlib.files.session import read_log
 from stimlib.live.protocol import HEAD
-from stimlib.live.server import Server
+from stimlib.live.server import Server, _closed_terminal_ends
 from stimlib.live.stream import Stream
 
 FS, BLOCK, K, FULL = 1000.0, 20, 2000.0, 50.0
@@ -118,6 +121,44 @@ def test_a_session_is_driven_heard_and_recorded(server):
 
 def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
     assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)  # accepted connections have it from there
+
+
+def test_a_server_is_started_once(server):
+    """In a notebook ``with scene.live() as page`` starts one that runs: two loops over one stream ended the process."""
+    assert server.start() is server
+    with pytest.raises(SinkError, match="runs already, or has ended: make another"):
+        server.run()
+    never = Server(server.stream, token="")
+    assert len(never.token) > 30  # of an empty token, anything would be right
+    never.close()
+    assert never._socket.fileno() == -1
+    with pytest.raises(SinkError, match="make another"):
+        never.start()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
+def test_a_closed_terminal_ends_a_server_as_a_kill_does():
+    got, term, hup = [], signal.getsignal(signal.SIGTERM), signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, lambda number, frame: got.append(number))
+    try:
+        with _closed_terminal_ends():
+            signal.raise_signal(signal.SIGHUP)
+        assert got == [signal.SIGTERM] and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        with _closed_terminal_ends():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN  # nohup
+    finally:
+        signal.signal(signal.SIGTERM, term), signal.signal(signal.SIGHUP, hup)
+
+
+def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatch):
+    said = []
+    monkeypatch.setattr(logging.getLogger("uvicorn.error"), "error", lambda *a, **more: said.append(a))
+    for _ in range(3):
+        with page(server) as client:
+            client.ws.socket.close()
+    with greeted(server):
+        assert not said
 
 
 def test_a_page_that_disappears_lets_the_stimulus_fade(server):
