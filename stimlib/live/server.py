@@ -280,7 +280,7 @@ def _listen(host: str, port: int) -> socket.socket:
 @contextmanager
 def _closed_terminal_ends() -> Iterator[None]:
     """SIGHUP ends the server as SIGTERM does, which it takes: faded out, and the log whole.  ``nohup`` still ignores it."""
-    hup = getattr(signal, "SIGHUP", None)
+    hup: Any = getattr(signal, "SIGHUP", None)
     ours = hup and threading.current_thread() is threading.main_thread() and signal.getsignal(hup) is signal.SIG_DFL
     if ours:
         signal.signal(hup, lambda *_: signal.raise_signal(signal.SIGTERM))

@@ -161,8 +161,12 @@ def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatc
         assert not said
 
 
-def test_a_page_that_disappears_lets_the_stimulus_fade(server):
+@pytest.mark.parametrize("source, k", [("contact", 10.0), ("u", K)])
+def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
+    """The finger that was down stays down until then: lifted at once, it would end the stimulus with a step."""
     with greeted(server) as client:
+        client.say("set", name="k", value=k)
+        client.say("source", input="x", **{"from": source})
         client.say("record")
         folder = client.until(phase="running")["log"]
         client.ws.send(MOVE)
@@ -172,6 +176,7 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server):
     while server.stream.phase != "idle" and time.monotonic() < end:
         time.sleep(0.01)
     assert server.stream.why == "the page that had control has gone"
+    assert server.stream.inputs.fingers[0][3] == 0  # nobody's finger is on it in the next session
     log = read_log(folder)
     y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
     assert log.report is not None and y.max() > 0.15 and abs(y[-1]) < 0.005
