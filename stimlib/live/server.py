@@ -190,6 +190,8 @@ class Server:
 
     def _known(self, host: str) -> bool:
         """Whether a Host is this machine's: under a name of somebody else's, a stranger's page would be of our origin."""
+        if self.port == 80 and not host.endswith(":80"):  # which browsers leave out
+            host += ":80"
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False

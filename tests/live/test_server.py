@@ -151,6 +151,13 @@ def test_a_closed_terminal_ends_a_server_as_a_kill_does():
         signal.signal(signal.SIGTERM, term), signal.signal(signal.SIGHUP, hup)
 
 
+def test_at_port_80_browsers_leave_the_port_out(server, monkeypatch):
+    assert server._known(f"localhost:{server.port}") and not server._known("localhost:1") and not server._known("localhost")
+    monkeypatch.setattr(server, "port", 80)
+    assert all(server._known(host) for host in ("127.0.0.1", "localhost:80", "[::1]"))
+    assert not any(server._known(host) for host in ("evil.example", "127.0.0.1:81", ""))
+
+
 def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatch):
     said = []
     monkeypatch.setattr(logging.getLogger("uvicorn.error"), "error", lambda *a, **more: said.append(a))
@@ -191,7 +198,7 @@ def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
         with pytest.raises(ConnectionClosed) as closed:
             while True:
                 client.next()
-    assert closed.value.rcvd.code == 4408 and client.blocks
+    assert closed.value.rcvd.code == 4408 and 0 < client.heads[-1][0] < 10 * 0.3 * FS
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):
@@ -205,8 +212,13 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
             third.say("hello", token="T", version=1)
             third.next()
         assert closed.value.rcvd.code == 4409
+        first.ws.send(MOVE)
+        first.say("source", input="x", **{"from": "u"})
+        first.until(**{"is": "state"})
+        assert server.stream.inputs.fingers[0][3] == 1
         second.say("control")
         second.until(role="control")
+        assert server.stream.inputs.fingers[0][3] == 0  # the finger of the one is not the other's
         first.until(role="watch")
         second.say("start")
         first.hear(2)
