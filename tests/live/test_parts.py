@@ -64,12 +64,16 @@ def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_whe
     inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
     assert [inputs.sources[n]["from"] for n in ("x", "contact")] == ["u", "contact"]
     inputs.columns(0, 500)
-    inputs.move(0, 0.8, 0.0, 0.0, 0)
+    inputs.move(0, 0.8, 0.0, 0.9, 0)
+    assert inputs.fingers[0][2] == 0  # no pressure either
     assert not inputs.columns(500, 100).any()
     inputs.move(0, 0.8, 0.0, 0.0, 1)
     assert inputs.columns(600, 3).tolist() == [[pytest.approx(0.08)] * 3, [1.0] * 3]
     inputs.lift()
     assert inputs.columns(603, 2).tolist() == [[pytest.approx(0.08)] * 2, [0.0] * 2]
+    inputs.choose("contact", **{"from": "contact"})
+    inputs.move(0, 0.8, 0.0, 0.0, 1)
+    assert inputs.columns(605, 1)[1, 0] == 1.0  # contact jumps, also where its source is chosen anew
 
 
 def test_an_input_goes_over_to_a_sine_and_then_is_one():
@@ -121,9 +125,9 @@ def test_a_page_is_told_of_the_surface_and_its_avatars():
 
 
 def test_a_slider_goes_around_its_value():
-    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0}
+    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0, "all": 1.0}
     scene = Scene({name: Param(name, v) * constant(1.0) for name, v in values.items()})
-    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0)}
+    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0), "all": (0, 1)}
 
 
 def test_ranges_that_are_none_are_refused():

@@ -213,8 +213,8 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
             third.next()
         assert closed.value.rcvd.code == 4409
         first.ws.send(MOVE)
-        first.say("source", input="x", **{"from": "u"})
-        first.until(**{"is": "state"})
+        first.say("set", name="none", value=0)
+        first.until(about="set")
         assert server.stream.inputs.fingers[0][3] == 1
         second.say("control")
         second.until(role="control")
@@ -248,6 +248,7 @@ REFUSED = [
     ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
     ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
     ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 0}, "low = 1 must be below high = 0"),
+    ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 1}, "low = 1 must be below high = 1"),
 ]
 
 
