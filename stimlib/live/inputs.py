@@ -205,7 +205,7 @@ class Inputs:
         if since is None:
             since = self._changed[name] = at
             self._from[k] = self._last[k]
-        elif since > at:  # a new session counts from 0: what was chosen in the last one is what it has
+        elif since >= at:  # a new session counts from 0: what was chosen in the last one is what it has
             since = self._changed[name] = -math.inf
         length = CHANGE * self.fs
         if at - since < length:

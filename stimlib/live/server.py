@@ -10,15 +10,17 @@ import hmac
 import html
 import ipaddress
 import secrets
+import signal
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from ..core.packages import package
+from ..devices.process import begin
 from ..errors import BadValue, SinkError
 from .protocol import BURST, MESSAGE, PAGES, RATE, VERSION, WRONG, message
 from .stream import Page, Stream
@@ -61,20 +63,20 @@ class Server:
     port : int
         0 takes a free one.
     token : str, optional
-        By default a new one, of 192 bits.
+        By default, and instead of an empty one, a new one of 192 bits.
     framed_by : str
         Sources of the policy's ``frame-ancestors``: who may show the page in a frame.
 
     Raises
     ------
     SinkError
-        The port is taken, or the address is not this machine's.
+        The port is taken, or the address is not this machine's; or a server that has been started is to be started again.
     """
 
     def __init__(
         self, stream: Stream, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
     ):
-        self.stream, self.token = stream, secrets.token_urlsafe(24) if token is None else token
+        self.stream, self.token = stream, token or secrets.token_urlsafe(24)
         self._headers = HEADERS | {"Content-Security-Policy": POLICY + framed_by}
         self._files = page_files()
         self._socket = _listen(host, port)
@@ -87,6 +89,7 @@ class Server:
         )  # fmt: skip
         self._uvicorn = uvicorn.Server(config)
         self._thread: threading.Thread | None = None
+        self._begun = False
 
     @property
     def url(self) -> str:
@@ -105,13 +108,25 @@ class Server:
 
     def run(self) -> None:
         """Serve until Ctrl-C or ``close``."""
-        with self._socket:
+        self._begin()
+        self._serve()
+
+    def _begin(self) -> None:
+        """Once only: two loops over one stream would end the process."""
+        if self._begun:
+            raise SinkError(f"the live page at {self.host}:{self.port} runs already, or has ended: make another")
+        self._begun = True
+
+    def _serve(self) -> None:
+        with self._socket, _closed_terminal_ends():
             self._uvicorn.run(sockets=[self._socket])
 
     def start(self) -> Server:
-        """Serve in a thread, until ``close``."""
-        self._thread = threading.Thread(target=self.run, name="stimlib live server", daemon=True)
-        self._thread.start()
+        """Serve in a thread, until ``close``; one that is served in a thread already goes on."""
+        if self._thread is not None and self._thread.is_alive():
+            return self
+        self._begin()
+        self._thread = begin(threading.Thread(target=self._serve, name="stimlib live server", daemon=True))
         while not self._uvicorn.started:
             if not self._thread.is_alive():
                 raise SinkError(f"the live page could not be served at {self.host}:{self.port}")
@@ -121,7 +136,10 @@ class Server:
     def close(self) -> None:
         """Fade out and end."""
         self._uvicorn.should_exit = True
-        if self._thread is not None:
+        if not self._begun:
+            self._begun = True
+            self._socket.close()
+        elif self._thread is not None:
             self._thread.join(10.0)
 
     def __enter__(self) -> Server:
@@ -144,7 +162,8 @@ class Server:
         async def lifespan(app: Any) -> AsyncIterator[None]:
             run = asyncio.create_task(self.stream.run())
             try:
-                yield
+                with suppress(asyncio.CancelledError):  # a second Ctrl-C
+                    yield
             finally:
                 run.cancel()
                 with suppress(asyncio.CancelledError):
@@ -171,6 +190,8 @@ class Server:
 
     def _known(self, host: str) -> bool:
         """Whether a Host is this machine's: under a name of somebody else's, a stranger's page would be of our origin."""
+        if self.port == 80 and not host.endswith(":80"):  # which browsers leave out
+            host += ":80"
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
@@ -183,17 +204,13 @@ class Server:
 
     async def _talk(self, ws: Any) -> None:
         """One page, from its first word to its last."""
-        from starlette.websockets import WebSocketDisconnect
-
         host = ws.headers.get("host", "")
         if not self._known(host) or ws.headers.get("origin") != f"http://{host}":
-            await ws.close()  # before it is accepted: HTTP 403
-            return
+            return await _bye(ws, 1000, "")  # before it is accepted: HTTP 403
         await ws.accept()
         page = Page()
         if refused := await self._greet(ws):
-            await ws.close(*refused)
-            return
+            return await _bye(ws, *refused)
         self.stream.join(page)
         tasks = [asyncio.create_task(work) for work in (self._listen(ws, page), self._speak(ws, page), page.ended.wait())]
         try:
@@ -203,8 +220,7 @@ class Server:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             self.stream.leave(page)
-            with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):  # it is closed already, or takes nothing
-                await asyncio.wait_for(ws.close(*page.end), 1.0)
+            await _bye(ws, *page.end)
 
     async def _greet(self, ws: Any) -> tuple[int, str] | None:
         """Why a page is refused."""
@@ -261,6 +277,28 @@ def _listen(host: str, port: int) -> socket.socket:
         raise SinkError(f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one") from None
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # or a block waits until the one before is acknowledged
     return made
+
+
+@contextmanager
+def _closed_terminal_ends() -> Iterator[None]:
+    """SIGHUP ends the server as SIGTERM does, which it takes: faded out, and the log whole.  ``nohup`` still ignores it."""
+    hup: Any = getattr(signal, "SIGHUP", None)
+    ours = hup and threading.current_thread() is threading.main_thread() and signal.getsignal(hup) is signal.SIG_DFL
+    if ours:
+        signal.signal(hup, lambda *_: signal.raise_signal(signal.SIGTERM))
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(hup, signal.SIG_DFL)
+
+
+async def _bye(ws: Any, code: int, why: str) -> None:
+    """Close a connection, which may be closed already, or take nothing."""
+    from starlette.websockets import WebSocketDisconnect
+
+    with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
+        await asyncio.wait_for(ws.close(code, why), 1.0)
 
 
 def _netloc(host: str, port: int) -> str:

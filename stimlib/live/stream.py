@@ -115,7 +115,7 @@ class Stream:
         bandwidth: float = SMOOTH,
     ):
         self.scene, self.fs, self.seed, self.folder = scene, float(fs), seed, Path(folder)
-        self.block = block or max(1, round(0.004 * fs))
+        self.block = max(1, round(0.004 * self.fs)) if block is None else block
         self.ranges = ranges_of(scene, ranges)
         if safety is None:
             safety = Safety(full_scales(scene, fs, self.ranges))
@@ -134,6 +134,7 @@ class Stream:
         self.log: Path | None = None
         self._sink: PageSink | None = None
         self._asked: tuple[str, str] | None = None  # start, record or stop; why
+        self._left = False  # the page that had control: its fingers leave when the session has faded out, or they would end it
         self._wake = asyncio.Event()
         self._hands = ThreadPoolExecutor(1, "stimlib live")
 
@@ -157,8 +158,7 @@ class Stream:
         """A page has gone; if it had control, the session fades out."""
         self.pages.remove(page)
         if self.control is page:
-            self.control = None
-            self.inputs.lift()
+            self.control, self._left = None, True
             self._ask("stop", "the page that had control has gone")
         self._tell_state()
 
@@ -237,6 +237,9 @@ class Stream:
                 await self._beside(self._end)
             except Exception as e:
                 why = _why(e)
+        if self._left:
+            self.inputs.lift()
+            self._left = False
         log, self.log = None, None
         if what != "stop":
             self._tell_state(phase="starting")

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import urllib.request
 
 import numpy as np
 import pytest
@@ -97,11 +98,16 @@ def test_without_its_packages_it_says_how_to_get_them(monkeypatch):
 
 
 @pytest.mark.skipif("STIMLIB_STRESS" not in os.environ, reason="a process: at length")
-def test_ctrl_c_ends_the_command(tmp_path):
+@pytest.mark.parametrize("sent, code", [(["SIGINT"], 130), (["SIGINT", "SIGINT"], 130), (["SIGHUP"], -15)])
+def test_ctrl_c_or_a_closed_terminal_ends_the_command(tmp_path, sent, code):
     (tmp_path / "live_spring.py").write_text(SCENE)
     words = [sys.executable, "-m", "stimlib", "live", "live_spring.py:scene", "--no-browser"]
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout.readline().startswith("http://127.0.0.1:")
-    process.send_signal(signal.SIGINT)
+    url = process.stdout.readline().strip()
+    assert url.startswith("http://127.0.0.1:")
+    urllib.request.urlopen(url).close()  # it serves
+    for name in sent:
+        process.send_signal(getattr(signal, name))
     _, said = process.communicate(timeout=30)
-    assert process.returncode == 130 and "faded out" in said
+    assert process.returncode == code and "Traceback" not in said
+    assert ("faded out" in said) == (code == 130)

@@ -34,6 +34,7 @@ SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
         ('{"do": "move", "finger": 0, "u": 1.01, "v": 0, "p": 0, "on": 1, "t": 0}', "u must be a number from 0 to 1"),
         ('{"do": "move", "finger": 0, "u": 0, "v": 0, "p": 0, "on": 0.5, "t": 0}', "on must be a whole number from 0 to 1"),
         ('{"do": "source", "input": "x", "from": "sine", "freq": 0}', "freq must be a number from 0.01 to 1000"),
+        ('{"do": "source", "input": "x", "from": "u", "low": -1.1e9}', "low must be a number from -1e\\+09 to 1e\\+09"),
         ('{"do": "source", "input": "x", "from": "u", "speed": 1}', "source has no speed"),
         ("[" * 1000, "nested too deeply|not a JSON|Expecting"),
     ],
@@ -63,12 +64,16 @@ def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_whe
     inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
     assert [inputs.sources[n]["from"] for n in ("x", "contact")] == ["u", "contact"]
     inputs.columns(0, 500)
-    inputs.move(0, 0.8, 0.0, 0.0, 0)
+    inputs.move(0, 0.8, 0.0, 0.9, 0)
+    assert inputs.fingers[0][2] == 0  # no pressure either
     assert not inputs.columns(500, 100).any()
     inputs.move(0, 0.8, 0.0, 0.0, 1)
     assert inputs.columns(600, 3).tolist() == [[pytest.approx(0.08)] * 3, [1.0] * 3]
     inputs.lift()
     assert inputs.columns(603, 2).tolist() == [[pytest.approx(0.08)] * 2, [0.0] * 2]
+    inputs.choose("contact", **{"from": "contact"})
+    inputs.move(0, 0.8, 0.0, 0.0, 1)
+    assert inputs.columns(605, 1)[1, 0] == 1.0  # contact jumps, also where its source is chosen anew
 
 
 def test_an_input_goes_over_to_a_sine_and_then_is_one():
@@ -83,6 +88,15 @@ def test_an_input_goes_over_to_a_sine_and_then_is_one():
     w = np.arange(1, n) / n
     assert x[: n - 1] == pytest.approx(0.1 + w * (wanted[: n - 1] - 0.1), abs=1e-7)  # the follower is 1e-8 short of 0.1
     assert inputs.columns(0, 100)[0] == pytest.approx(0.04 - 0.02 * np.cos(4 * np.pi * np.arange(100) / FS))  # a new session
+
+
+def test_what_was_chosen_before_a_session_is_gone_over_to_once():
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)})
+    inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06})
+    wanted = 0.04 - 0.02 * np.cos(2 * np.pi * np.arange(40) / FS)
+    first = np.concatenate([inputs.columns(at, 20)[0] for at in (0, 20)])
+    assert first == pytest.approx(np.arange(1, 41) / 100 * wanted, abs=1e-12)  # within 0.1 s, from where it was
+    assert inputs.columns(0, 40)[0] == pytest.approx(wanted, abs=1e-12)  # the next session
 
 
 def test_pressure_a_held_value_and_a_motion_of_the_callers():
@@ -111,9 +125,9 @@ def test_a_page_is_told_of_the_surface_and_its_avatars():
 
 
 def test_a_slider_goes_around_its_value():
-    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0}
+    values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0, "all": 1.0}
     scene = Scene({name: Param(name, v) * constant(1.0) for name, v in values.items()})
-    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0)}
+    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0), "all": (0, 1)}
 
 
 def test_ranges_that_are_none_are_refused():

@@ -1,6 +1,8 @@
 """The server of the live page, driven by a WebSocket client of its own: a session, a recording, strangers and floods."""
 
 import json
+import logging
+import signal
 import socket
 import time
 import urllib.error
@@ -13,10 +15,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from stimlib import Input, Param, Scene, constant
+from stimlib.errors import SinkError
 from stimlib.files.replay import delivered, replay
 from stimlib.files.session import read_log
 from stimlib.live.protocol import HEAD
-from stimlib.live.server import Server
+from stimlib.live.server import Server, _closed_terminal_ends
 from stimlib.live.stream import Stream
 
 FS, BLOCK, K, FULL = 1000.0, 20, 2000.0, 50.0
@@ -120,8 +123,57 @@ def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
     assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)  # accepted connections have it from there
 
 
-def test_a_page_that_disappears_lets_the_stimulus_fade(server):
+def test_a_server_is_started_once(server):
+    """In a notebook ``with scene.live() as page`` starts one that runs: two loops over one stream ended the process."""
+    assert server.start() is server
+    with pytest.raises(SinkError, match="runs already, or has ended: make another"):
+        server.run()
+    never = Server(server.stream, token="")
+    assert len(never.token) > 30  # of an empty token, anything would be right
+    never.close()
+    assert never._socket.fileno() == -1
+    with pytest.raises(SinkError, match="make another"):
+        never.start()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
+def test_a_closed_terminal_ends_a_server_as_a_kill_does():
+    got, term, hup = [], signal.getsignal(signal.SIGTERM), signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, lambda number, frame: got.append(number))
+    try:
+        with _closed_terminal_ends():
+            signal.raise_signal(signal.SIGHUP)
+        assert got == [signal.SIGTERM] and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        with _closed_terminal_ends():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN  # nohup
+    finally:
+        signal.signal(signal.SIGTERM, term), signal.signal(signal.SIGHUP, hup)
+
+
+def test_at_port_80_browsers_leave_the_port_out(server, monkeypatch):
+    assert server._known(f"localhost:{server.port}") and not server._known("localhost:1") and not server._known("localhost")
+    monkeypatch.setattr(server, "port", 80)
+    assert all(server._known(host) for host in ("127.0.0.1", "localhost:80", "[::1]"))
+    assert not any(server._known(host) for host in ("evil.example", "127.0.0.1:81", ""))
+
+
+def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatch):
+    said = []
+    monkeypatch.setattr(logging.getLogger("uvicorn.error"), "error", lambda *a, **more: said.append(a))
+    for _ in range(3):
+        with page(server) as client:
+            client.ws.socket.close()
+    with greeted(server):
+        assert not said
+
+
+@pytest.mark.parametrize("source, k", [("contact", 10.0), ("u", K)])
+def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
+    """The finger that was down stays down until then: lifted at once, it would end the stimulus with a step."""
     with greeted(server) as client:
+        client.say("set", name="k", value=k)
+        client.say("source", input="x", **{"from": source})
         client.say("record")
         folder = client.until(phase="running")["log"]
         client.ws.send(MOVE)
@@ -131,6 +183,7 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server):
     while server.stream.phase != "idle" and time.monotonic() < end:
         time.sleep(0.01)
     assert server.stream.why == "the page that had control has gone"
+    assert server.stream.inputs.fingers[0][3] == 0  # nobody's finger is on it in the next session
     log = read_log(folder)
     y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
     assert log.report is not None and y.max() > 0.15 and abs(y[-1]) < 0.005
@@ -145,7 +198,7 @@ def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
         with pytest.raises(ConnectionClosed) as closed:
             while True:
                 client.next()
-    assert closed.value.rcvd.code == 4408 and client.blocks
+    assert closed.value.rcvd.code == 4408 and 0 < client.heads[-1][0] < 10 * 0.3 * FS
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):
@@ -159,8 +212,13 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
             third.say("hello", token="T", version=1)
             third.next()
         assert closed.value.rcvd.code == 4409
+        first.ws.send(MOVE)
+        first.say("set", name="none", value=0)
+        first.until(about="set")
+        assert server.stream.inputs.fingers[0][3] == 1
         second.say("control")
         second.until(role="control")
+        assert server.stream.inputs.fingers[0][3] == 0  # the finger of the one is not the other's
         first.until(role="watch")
         second.say("start")
         first.hear(2)
@@ -190,6 +248,7 @@ REFUSED = [
     ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
     ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
     ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 0}, "low = 1 must be below high = 0"),
+    ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 1}, "low = 1 must be below high = 1"),
 ]
 
 
