@@ -183,6 +183,8 @@ class Stream:
             elif about == "source":
                 self.inputs.choose(message.pop("input"), **message)
                 self._tell_state()
+            elif about == "hello":
+                raise BadValue("hello is said once, as the first word")
             else:
                 self._ask(about, "")
         except StimlibError as e:

@@ -243,6 +243,7 @@ def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
 
 
 REFUSED = [
+    ({"do": "hello", "token": "T", "version": 1}, "said once"),
     ({"do": "set", "name": "__class__", "value": 1}, "no parameter '__class__'; this scene has k"),
     ({"do": "set", "name": "k", "value": -1}, "k = -1 is outside its range, 0 to 5000"),
     ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
