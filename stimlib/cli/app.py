@@ -125,7 +125,7 @@ def friendly() -> Iterator[None]:
         failed(e)
         raise typer.Exit(2) from None
     except KeyboardInterrupt as e:
-        errors.print(f"stopped; {str(e) or 'nothing was left behind'}", highlight=False)
+        errors.print(f"stopped; {shown(str(e) or 'nothing was left behind')}", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(130) from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:

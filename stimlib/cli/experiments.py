@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib
+import shlex
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -86,7 +87,10 @@ def _play(defined: str, data: Path, resume: bool, session: dict[str, Any], sink:
         try:
             run(running, Terminal(), sink, **options)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"{len(running.records)} answers are kept: stimlib experiment resume goes on") from None
+            words = {"participant": running.participant, "session": running.session, "data": data, "sink": sink, "device": device}
+            given = [word for name, value in words.items() if value is not None for word in (f"--{name}", str(value))]
+            again = shlex.join(["stimlib", "experiment", "resume", defined, *given, *["--pilot"] * running.pilot])
+            raise KeyboardInterrupt(f"{len(running.records)} answers are kept; go on with {again}") from None
 
 
 @command("run", experiment)
@@ -192,7 +196,7 @@ def analyse(
     found = sessions(made.name, data, pilot)
     if not found:
         raise BadValue(f"there is no {'pilot' if pilot else 'session'} of {made.name} in {data}")
-    table = columns(found)
+    table = columns(found, training=True)
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)

@@ -197,8 +197,7 @@ def jnds(answers: Columns) -> Jnds:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them; trials for training are
-        left out.
+        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them: without training.
 
     Returns
     -------
@@ -220,11 +219,9 @@ def jnds(answers: Columns) -> Jnds:
     d: dict[tuple[str, str], float] = {}
     for (who, condition), rows in grouped(answers, ("participant", "condition")).items():
         counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
-        training = rows.get("training", [False] * len(rows["level"]))
-        for level, outcome, left_out in zip(rows["level"], rows["outcome"], training, strict=True):
-            if not left_out:
-                counts[level][0] += int(outcome)
-                counts[level][1] += 1
+        for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
+            counts[level][0] += int(outcome)
+            counts[level][1] += 1
         (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
         d[who, condition] = detection(hits, signals, alarms, noises).d
     people = list(dict.fromkeys(who for who, _ in d))

@@ -193,8 +193,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` gives them, or `stimlib.experiments.observers.simulate`; trials for training are
-        left out.
+        As `stimlib.experiments.saved.columns` gives them, or `stimlib.experiments.observers.simulate`: without training.
     question : str
         Its column: ``"outcome"`` is that of the first question, roughness.
 
@@ -230,8 +229,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
 
 def _means(answers: Columns, question: str) -> np.ndarray:
     """Mean rating of each participant and stimulus: shape (participants, waveform, bumps, duty, amplitude)."""
-    rows = grouped({**answers, "training": answers.get("training", [False] * len(answers["condition"]))}, ("training",))
-    found = grouped(rows.get((False,), {**answers}), ("participant", "condition", question))
+    found = grouped(answers, ("participant", "condition", question))
     sums: dict[tuple[str, str], list[float]] = {}
     for (who, name, value), same in found.items():
         sums.setdefault((who, name), []).extend([value] * len(same["condition"]))

@@ -215,12 +215,14 @@ def status(saved: Saved) -> dict[str, Any]:
     }
 
 
-def columns(found: Sequence[Saved]) -> dict[str, list[Any]]:
-    """The trials of sessions as columns, for an analysis or a table of pandas.
+def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[Any]]:
+    """The trials that count as columns, for an analysis or a table of pandas; those of `simulate` are like them.
 
     Parameters
     ----------
     found : sequence of Saved
+    training : bool
+        Also the trials for training: the column ``training`` tells them apart.
 
     Returns
     -------
@@ -228,7 +230,7 @@ def columns(found: Sequence[Saved]) -> dict[str, list[Any]]:
         ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``, ``outcome``, ``seconds``, ``replays``,
         ``training``, and each question that was asked by its name; None where a trial has not asked it.
     """
-    rows = [(s, r) for s in found for r in s.records]
+    rows = [(s, r) for s in found for r in (s.records if training else s.data)]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
     return {
         "participant": [s.header["participant"] for s, _ in rows],

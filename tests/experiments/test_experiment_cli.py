@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shlex
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from types import SimpleNamespace
@@ -63,6 +64,27 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     stimlib("analyse", f"{file}:short", "--data", tmp_path / "data", "--out", tmp_path / "t.csv")
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
     assert [r["softer"] for r in rows] == ["first", "second", "first", "first"] and rows[1]["replays"] == "1"
+
+
+def test_ctrl_c_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch):
+    def interrupted(self, text):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Terminal, "pick", interrupted)
+    who = [
+        f"{file}:short",
+        "--participant",
+        "P07",
+        "--session",
+        "2",
+        "--data",
+        str(tmp_path / "of mine"),
+        "--sink",
+        "offline",
+        "--pilot",
+    ]
+    said = stimlib("run", *who, status=130)
+    assert f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n" in said
 
 
 def test_simulated_sessions_are_pilots(file, tmp_path):

@@ -128,9 +128,6 @@ def test_bounciness_finds_the_jnds_that_its_observer_has():
     late = {name: column[120:] for name, column in answers.items()}
     with pytest.raises(BadValue, match="P01 has no session of"):
         jnds(late)
-    n = len(answers["level"])
-    twice = {name: 2 * column for name, column in answers.items()} | {"training": n * [False] + n * [True]}
-    assert jnds(twice).d == found.d, "training is left out"
 
 
 def test_the_phase_is_that_of_the_rendered_force():

@@ -22,7 +22,7 @@ from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.present import present, program, spans
 from stimlib.experiments.questions import rating
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import read, sessions, status
+from stimlib.experiments.saved import columns, read, sessions, status
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Identify, Show
 from stimlib.experiments.trial import Answer, Stimulus, Trial
@@ -413,6 +413,16 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
     assert told["trials"] == told["training"] == 4 and read(session.folder).data == [] and told["limited"] == 8
     assert list(told["conditions"].values()) == [4] and "secret" not in json.dumps(told)
     assert session.blind(session.records[0].trial) in told["conditions"]
+
+
+def test_columns_have_the_trials_that_count(tmp_path):
+    pairs = ((TASK, 4.0), (TASK, 1.0))
+    made = experiment(design=Parts({"learn": Listed(pairs, training=True), "test": Listed(pairs, 2)}))
+    with Session(made, tmp_path, "P01", pilot=True) as session:
+        run(session, Simulated(session, observer), nothing)
+    found = sessions("pair", tmp_path, pilot=True)
+    assert columns(found)["number"] == [3, 4, 5, 6] and not any(columns(found)["training"])
+    assert columns(found, training=True)["training"] == 2 * [True] + 4 * [False]
     assert "secret" not in " ".join(p.name for p in tmp_path.rglob("*"))
 
 
