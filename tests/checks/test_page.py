@@ -135,7 +135,7 @@ def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
 
 def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
     (y,) = bumped.evidence.scene.outputs.values()
-    monkeypatch.setattr(figures, "_svg", lambda draw, size: size)
+    monkeypatch.setattr(figures, "svg", lambda draw, size: size)
     for count, title in ((6, "Signals over time"), (7, "Signals over time, the first 6 of 7 outputs")):
         scene = Scene({f"V{i}": y for i in range(count)})
         row = bumped.evidence.shown[0]
