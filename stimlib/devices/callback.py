@@ -378,8 +378,10 @@ def jack_block(c, n):
                 connected = 0
         c[CONNECTED] = connected
     t = frame_time(c[FRAME_TIME], c[CLIENT], 0)
-    lost = (t - c[EXPECTED]) & 0xFFFFFFFF if c[SEEN] else 0
-    if c[SEEN] and lost == 0x100000000 - n and c[REPEATS] < 4:  # a server whose time stands still is played to all the same
+    paced = load(c, WAIT) == 0  # in freewheel mode the server waits for everybody, and an xrun there moves its time anywhere
+    seen = c[SEEN] != 0 and paced
+    lost = (t - c[EXPECTED]) & 0xFFFFFFFF if seen else 0
+    if seen and lost == 0x100000000 - n and c[REPEATS] < 4:  # a server whose time stands still is played to all the same
         c[REPEATS] += 1
         return
     c[REPEATS] = 0
@@ -388,13 +390,13 @@ def jack_block(c, n):
     produce(c, n, lost if lost < 0x80000000 else 0)
     before = c[UNDERRUNS]
     late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
-    while n <= late < 0x80000000:
+    while load(c, WAIT) == 0 and n <= late < 0x80000000:
         withdraw(c)
         t += late
         produce(c, n, late - n)
         c[UNDERRUNS] = before + 1
         late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
-    c[EXPECTED], c[SEEN] = t + n, 1
+    c[EXPECTED], c[SEEN] = t + n, paced
     commit(c)
 
 

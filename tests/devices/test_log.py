@@ -238,7 +238,8 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     assert "k was changed, so the force over position has no one slope" in skipped
     assert "64 samples were lost, 1 times, first at 3000" in skipped and "law of the scene" not in skipped
     report.to_html(tmp_path / "a.html")
-    assert "passed" in (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text()
+    assert "passed" in page and "Keep the folder of the log, <code>a</code>, whole" in page
 
 
 @pytest.mark.parametrize(("what", "says"), [("value", 1501.0), ("ramp", 161), ("at", 12002)])
