@@ -1,6 +1,7 @@
 """How small an error does each check of the verifier see, against the length of the recording?
 
-    python benchmarks/power.py --record    results/power.csv, and the pictures docs/pictures/power_*.svg; ten minutes
+    PYTHONPATH=tests python benchmarks/power.py --record    results/power.csv, the pictures docs/pictures/power_*.svg and
+                                                            of 10 s docs/explanation/power.csv; ten minutes
 
 searched: a fault is put into a block, or into the wiring of a scene, which is rendered and verified with the fault inside, until
 the smallest size that fails is known to 10 %.  computed: by ``stimlib.checks.power``, for noise; periodograms are drawn, and
@@ -10,9 +11,10 @@ docs/explanation/power.rst.
 
 from __future__ import annotations
 
+import csv
 import dataclasses as dc
 import importlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,6 +41,8 @@ from stimlib.scenes import SHIPPED, bumps, soft_surface, squeeze, viscoelastic
 from stimlib.speed.timing import machine
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
+SUMMARY = Path(__file__).parents[1] / "docs" / "explanation" / "power.csv"
+SURELY = {"searched": "always", "computed": "95 of 100"}
 FS, SEED = 8000, 1
 COMPUTED, SEARCHED, ASKED = (0.5, 2.0, 10.0, 60.0), (0.5, 2.0, 10.0), 2.0  # s
 DRAWN, RENDERED, RENDERED_AT = 200, 20, 2.0  # periodograms, renderings, and their length in s
@@ -301,9 +305,17 @@ def draw(rows: list[Row]) -> None:
             fig.savefig(PICTURES / f"power_{name}.svg", metadata={"Date": None})
 
 
+def summary(rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Of 10 s, the check, what is wrong, the smallest size that is seen, and how surely."""
+    ten = (r for r in rows if r["how"] in SURELY and float(r["seconds"]) == 10.0)
+    return [(r["check"], r["kind"], f"{float(r['size']):.2g} {r['unit']}", SURELY[r["how"]]) for r in ten]
+
+
 if __name__ == "__main__":
     given = options(__doc__).parse_args()
     rows = measured()
     save("power", [{"check": machine()}, *rows], given.record)
     if given.record:
         draw(rows)
+        with SUMMARY.open("w", newline="") as f:
+            csv.writer(f, lineterminator="\n").writerows(summary(rows))

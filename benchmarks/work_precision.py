@@ -11,20 +11,10 @@ from pathlib import Path
 from bench import options
 from rich.console import Console
 
-from stimlib.speed.precision import Point, best, problems, recorded, regenerate, table
+from stimlib.speed.precision import best, problems, recorded, regenerate, summary, table
 
 KEPT = Path(__file__).parent / "work_precision"
 SUMMARY = Path(__file__).parents[1] / "docs" / "explanation" / "work_precision.csv"
-
-
-def told(p: Point | None) -> tuple[str, str, str]:
-    return ("", "", "") if p is None else (f"{p.family} {p.knob}".strip(), f"{p.error:.1e}", f"{p.ns:.3g}")
-
-
-def summary(points: list[Point]) -> list[tuple[str, ...]]:
-    """A line of each operator: what it is, what ns are for, our most exact point, and that of others."""
-    known = {p.name: p for p in problems()}
-    return [(known[b.problem].title, known[b.problem].per, *told(b.ours), *told(b.other)) for b in best(points)]
 
 
 if __name__ == "__main__":
@@ -41,4 +31,4 @@ if __name__ == "__main__":
     Console(width=160).print(table(regenerate(KEPT if given.record else Path(tempfile.mkdtemp()), given.only)))
     if given.record:
         with SUMMARY.open("w", newline="") as f:
-            csv.writer(f, lineterminator="\n").writerows(summary(recorded(KEPT)))
+            csv.writer(f, lineterminator="\n").writerows(summary(best(recorded(KEPT))))

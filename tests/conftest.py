@@ -3,6 +3,7 @@
 import ctypes
 import os
 import signal
+import subprocess
 import sys
 import warnings
 from collections import Counter
@@ -54,6 +55,27 @@ def pytest_terminal_summary(terminalreporter):
     for file, seconds in spent.most_common(16):
         terminalreporter.write_line(f"{seconds / 60:6.2f} {seconds / whole:6.1%} {tests[file]:5d} tests  {file}")
     terminalreporter.write_line(f"{whole / 60:6.2f} 100.0% {sum(tests.values()):5d} tests")
+
+
+# A small disk --------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def mounted(tmp_path):
+    """A file system of its own, of so many bytes."""
+    folder = tmp_path / "mounted"
+
+    def mount(options):
+        folder.mkdir()
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"{options},mode=700", "none", folder], capture_output=True, text=True
+        )
+        if done.returncode:
+            folder.rmdir()
+            pytest.skip(f"needs the right to mount: {done.stderr.strip()}")
+        return folder
+
+    yield mount
+    if folder.exists():
+        subprocess.run(["umount", str(folder)], check=True)
 
 
 # JACK ----------------------------------------------------------------------------------------------------------------

@@ -576,7 +576,7 @@ TABLE += [
     Entry("pulse", "Oscillator", lambda: b.oscillator(41.0, "pulse", 0.2)),
     Entry("pulse_train", "PulseTrain", lambda x, j: b.pulse_train(constant(200.0, "Hz") * abs(x), 0.2 * j), (held, normal),
         edges=True),
-    Entry("pulse_train_regular", "PulseTrain", lambda: b.pulse_train(90.0)),
+    Entry("pulse_train_regular", "PulseTrain", lambda: b.pulse_train(89.7)),
     Entry("chirp", "Chirp", lambda: b.chirp(20.0, 400.0, 0.5)),
     Entry("chirp_exponential", "Chirp", lambda: b.chirp(400.0, 20.0, 0.02, "exponential")),
     Entry("playback", "Playback", lambda: b.playback(UNEVEN, rate=1000.0, unit="N")),

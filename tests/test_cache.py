@@ -68,9 +68,15 @@ def small(tmp_path):
     return path
 
 
+def runtime_entry():
+    """Where this process's cache has the runtime, which takes longest to compile."""
+    made = Path(engine.runtime().__file__).parent  # NAME.*.tmp, gone by now, where another process was first to publish NAME
+    return made.with_name(made.name.partition(".")[0])
+
+
 def give_runtime(folder):
-    """A new cache folder with the runtime, which takes longest to compile, and nothing else."""
-    entry = Path(engine.runtime().__file__).parent
+    """A new cache folder with the runtime and nothing else."""
+    entry = runtime_entry()
     folder.mkdir(mode=0o700)
     shutil.copytree(entry, folder / entry.name)
     return folder
@@ -154,26 +160,6 @@ def test_a_folder_that_cannot_be_made_is_a_warning(twice, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.warns(RuntimeWarning, match="cannot be written.*STIMLIB_CACHE"):
         assert twice(tmp_path / "file" / "cache") == 42.0
-
-
-@pytest.fixture
-def mounted(tmp_path):
-    """A file system of its own, of so many bytes."""
-    folder = tmp_path / "mounted"
-
-    def mount(options):
-        folder.mkdir()
-        done = subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", f"{options},mode=700", "none", folder], capture_output=True, text=True
-        )
-        if done.returncode:
-            folder.rmdir()
-            pytest.skip(f"needs the right to mount: {done.stderr.strip()}")
-        return folder
-
-    yield mount
-    if folder.exists():
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 def test_a_read_only_folder_is_a_warning(twice, mounted):

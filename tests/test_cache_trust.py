@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_cache import environment, give_runtime
+from test_cache import environment, give_runtime, runtime_entry
 
-from stimlib.targets.numba import cache, engine
+from stimlib.targets.numba import cache
 
 RUN = """
 import hashlib, os, sys, threading
@@ -73,7 +73,7 @@ def made(tmp_path_factory):
     """A cache in a folder where everybody may make files, by a process that keeps nothing from anybody; its samples."""
     shared = tmp_path_factory.mktemp("shared")
     shared.chmod(0o1777)
-    out, err = finish(process(MADE + ONE, shared / "deep" / "cache", str(Path(engine.runtime().__file__).parent)))
+    out, err = finish(process(MADE + ONE, shared / "deep" / "cache", str(runtime_entry())))
     assert err == ""
     return out, shared / "deep" / "cache"
 

@@ -5,6 +5,7 @@ import re
 import runpy
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -121,23 +122,6 @@ def but_steps(printed: str) -> str:
 
 PLAIN = ["first_stimulus.py", "equal_rms_bumps.py", "fit_tissue.py", "own_block.py"]  # quick enough to run without a picture too
 
-# A fresh process that takes no warning pays the imports once for both ways to call an example.
-CALLS = """
-import os, runpy, sys
-example, *calls = sys.argv[1:]
-for call in calls:
-    sys.argv = [example, *call.split()]
-    runpy.run_path(example, run_name="__main__")
-    print("there:", *os.listdir("."))
-"""
-
-
-def run(*command: str, folder: Path) -> subprocess.CompletedProcess:
-    path = os.pathsep.join(p for p in (str(EXAMPLES.parent), os.environ.get("PYTHONPATH")) if p)
-    command = (sys.executable, "-W", "error", *command)
-    env = {**os.environ, "PYTHONPATH": path}
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=900, env=env)  # hung, not slow
-
 
 def test_every_example_is_tested():
     assert {name.split()[0] for name in PRINTED} == {p.name for p in EXAMPLES.glob("*.py")}
@@ -147,19 +131,26 @@ STRESS = {name: pytest.mark.stress for name in ("fit_arms.py", "match_rms.py")} 
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=STRESS.get(name, ())) for name in PRINTED])
-def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path):
+def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path, monkeypatch, capsys):
+    """In this process, with a folder of its own and warnings that are errors: a process for each pays the imports each time."""
     recorded(name)
-    calls = {"": "there:\n"} if name in PLAIN else {}
-    name, *words = name.split()
-    calls["--plot picture.png"] = "there: picture.png\n"
-    done = run("-c", CALLS, str(EXAMPLES / name), *(" ".join([call, *words]) for call in calls), folder=tmp_path)
-    printed = "".join(PRINTED[" ".join([name, *words])] + there for there in calls.values())
-    assert (done.returncode, but_steps(done.stdout), done.stderr) == (0, but_steps(printed), "")
+    monkeypatch.chdir(tmp_path)
+    warnings.simplefilter("error")  # pytest restores it
+    example, *words = name.split()
+    for call in ([], ["--plot", "picture.png"]) if name in PLAIN else (["--plot", "picture.png"],):
+        monkeypatch.setattr(sys, "argv", [str(EXAMPLES / example), *call, *words])
+        runpy.run_path(sys.argv[0], run_name="__main__")
+        printed, told = capsys.readouterr()
+        assert (but_steps(printed), told) == (but_steps(PRINTED[name]), "")
+        assert os.listdir(".") == call[1:]
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_an_example_is_a_program_and_says_which_recording_is_not_there(tmp_path):
-    done = run(str(EXAMPLES / "fit_arms.py"), "--data", "nowhere", folder=tmp_path)
+    path = os.pathsep.join(p for p in (str(EXAMPLES.parent), os.environ.get("PYTHONPATH")) if p)
+    command = (sys.executable, "-W", "error", str(EXAMPLES / "fit_arms.py"), "--data", "nowhere")
+    env = os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, env=env)  # hung, not slow
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("the recording is not there: nowhere")
 

@@ -223,6 +223,12 @@ def pulse_train(rate, jitter=0.0) -> Block:
     UnitError
         A rate that is not in Hz, a jitter with a unit.
 
+    Notes
+    -----
+    An event may fall on a sample to the last digit: of 90 Hz at 8000 Hz every ninth one does.  Whether it is of that sample or
+    of the one before, processor and interpreter decide by whole numbers; on JAX, whose compiler rounds as it likes, it may be
+    either.
+
     Examples
     --------
     >>> import numpy as np, stimlib

@@ -12,7 +12,7 @@ from importlib.metadata import version
 import numpy as np
 
 from ..errors import shown
-from ..files.sidecar import describe
+from ..files.sidecar import describe, sidecar_of
 from .evidence import ALARM, Check, Evidence
 from .figures import figures
 from .power import Shows
@@ -125,7 +125,8 @@ def _certainty(found: list[Shows]) -> str:
 
 # Reproduction ------------------------------------------------------------------------------------------------------------
 def _reproduced(e: Evidence, command: str | None) -> str:
-    """Commands, hashes, versions, and the scene as a file."""
+    """What to install and to lay where, commands, hashes, versions, and the scene as a file."""
+    used = {p: version(p) for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "matplotlib")}
     again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
     signal = _sha256(e.y.T)
     rows = {
@@ -133,13 +134,36 @@ def _reproduced(e: Evidence, command: str | None) -> str:
         "motion, as sampled": f"{_sha256(e.x.T)} (float64, a row for each sample)",
         "signal": f"{signal} (float64, a row for each sample, before it is stored)",
         **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
-        "versions": ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "matplotlib")),
+        "versions": ", ".join(f"{p} {v}" for p, v in used.items()),
         "computer": f"Python {platform.python_version()}, {platform.system()}, {platform.machine()}",
     }
     text = json.dumps(e.scene.to_dict(), separators=(",", ":"))
     return (
-        f"{again}{_program(e, signal)}<p>Hashes are SHA-256.</p>{facts(rows)}"
+        f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are SHA-256.</p>{facts(rows)}"
         f"<details><summary>scene.json, for <code>stimlib.load</code></summary><pre>{_q(text)}</pre></details>"
+    )
+
+
+def _installed(used: Mapping[str, str]) -> str:
+    """Commands for an environment with these versions."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    pins = " ".join(f"{p}=={v}" for p, v in used.items())
+    lines = f"python -m venv proof\n. proof/bin/activate\npip install {pins}"
+    windows = "on Windows the second line is <code>proof\\Scripts\\activate</code>"
+    return f"<p>Install what this page was made with, under Python {python}; {windows}:</p><pre>{_q(lines)}</pre>"
+
+
+def _beside(e: Evidence) -> str:
+    """Which files a reader needs, beyond this page."""
+    if e.session:
+        return f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files is needed.</p>"
+    if e.path is None:
+        return ""
+    name, beside = _q(e.path.name), _q(sidecar_of(e.path).name)
+    return (
+        f"<p>Lay two files side by side in one folder: <code>{name}</code>, and its sidecar <code>{beside}</code>, which has "
+        "scene, parameters, seed and motion. Without its sidecar the file proves nothing. A motion that is a recording is a "
+        "file of its own, which is looked for at the path above, or given by <code>--motion</code>.</p>"
     )
 
 

@@ -60,6 +60,8 @@ class Problem(NamedTuple):
     """Those that are installed."""
     per: str = "a sample"
     """What a time is for, as on the axis."""
+    asked: bool = False
+    """Whether the knob is part of what is asked, such as a cutoff, and no tuning: only points with one value can be compared."""
 
 
 class Point(NamedTuple):
@@ -277,6 +279,8 @@ class Best(NamedTuple):
 def best(points: Iterable[Point]) -> list[Best]:
     """One line for each problem, of the processor's points: what runs on JAX is neither ours nor another's.
 
+    Where the knob is part of what is asked, both have the same.
+
     Examples
     --------
     >>> from stimlib.speed.precision import Point, best
@@ -284,12 +288,14 @@ def best(points: Iterable[Point]) -> list[Best]:
     >>> [(b.other.family, b.reached, b.times) for b in best(rows)]
     [('numpy', True, 4.0)]
     """
-    found = []
+    found, asked = [], {p.name for p in problems() if p.asked}
     points = [p for p in points if not p.failed]
     for name in dict.fromkeys(p.problem for p in points):
         own = [p for p in points if p.problem == name and p.family.startswith("stimlib") and "JAX" not in p.family]
         others = [p for p in points if p.problem == name and not p.family.startswith("stimlib")]
         ours = min(own, key=lambda p: p.error)
+        if name in asked:
+            others = [p for p in others if p.knob == ours.knob]
         near = [p for p in others if p.error <= 1.01 * ours.error]
         nearest = min(near, key=lambda p: p.ns) if near else min(others, key=lambda p: p.error, default=None)
         found.append(Best(name, ours, nearest, bool(near)))
@@ -297,24 +303,38 @@ def best(points: Iterable[Point]) -> list[Best]:
 
 
 def table(points: Iterable[Point]) -> Table:
-    """``best`` for a terminal.
+    """``summary`` for a terminal, without titles, and how many times as long the other takes.
 
     Examples
     --------
     >>> from stimlib.speed.precision import Point, table
-    >>> table([Point("p", "stimlib x", "1", 1e-9, 2.0)]).row_count
+    >>> table([Point("pink", "stimlib x", "1", 1e-9, 2.0)]).row_count
     1
     """
     from rich.table import Table
 
-    out = Table("problem", "stimlib", "error", "ns", "beside it", "error", "ns", "times as long")
-    for b in best(points):
-        ours = [b.ours.knob, f"{b.ours.error:.1e}", f"{b.ours.ns:.3g}"]
-        beside = (
-            [f"{b.other.family} {b.other.knob}", f"{b.other.error:.1e}", f"{b.other.ns:.3g}", f"{b.times:.3g}"] if b.other else []
-        )
-        out.add_row(b.problem, *ours, *beside)
+    out = Table("operator", "what the error is", "ns for", "stimlib", "error", "ns", "beside it", "error", "ns", "times as long")
+    found = best(points)
+    for b, (name, _, *row) in zip(found, summary(found), strict=True):
+        out.add_row(name, *row, f"{b.times:.3g}" if b.other else "")
     return out
+
+
+def summary(found: Iterable[Best]) -> list[tuple[str, ...]]:
+    """``best`` as text: name, operator, what the error is, what ns are for; method, error and ns of ours, and of the other.
+
+    Examples
+    --------
+    >>> from stimlib.speed.precision import Point, best, summary
+    >>> summary(best([Point("pink", "stimlib x, tol", "1", 1e-9, 2.0), Point("pink", "scipy", "", 1e-3, 5.0)]))[0][2:]
+    ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09', '2', 'scipy', '1.0e-03', '5')
+    """
+    known = {p.name: p for p in problems()}
+
+    def told(p: Point | None) -> tuple[str, str, str]:
+        return ("", "", "") if p is None else (f"{p.family} {p.knob}".strip(), f"{p.error:.1e}", f"{p.ns:.3g}")
+
+    return [(b.problem, *known[b.problem][1:3], known[b.problem].per, *told(b.ours), *told(b.other)) for b in found]
 
 
 def record(points: list[Point], path: str | os.PathLike) -> None:

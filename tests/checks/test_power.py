@@ -90,6 +90,13 @@ def test_the_table_holds_for_the_verifier_of_today(bench, name):
     assert bench.excess(fault, 1.01 * size, seconds) > 1 >= bench.excess(fault, size / 1.12, seconds)
 
 
+def test_the_table_of_the_documentation_is_that_of_ten_seconds(bench):
+    with (ROOT / "docs" / "explanation" / "power.csv").open(newline="") as f:
+        shown = [tuple(row) for row in csv.reader(f)]
+    assert shown == bench.summary(ROWS)
+    assert ("force1: spectrum", "level", "1.1 dB", "95 of 100") in shown and len(shown) == 19
+
+
 def test_what_was_computed_was_also_drawn_and_rendered():
     computed = [r for r in ROWS if r["how"] == "computed"]
     drawn, rendered = ([float(r[how]) for r in computed if r[how]] for how in ("drawn", "rendered"))

@@ -112,3 +112,5 @@ def test_names_in_files_are_escaped_in_table_and_page(honest, tmp_path):
     report.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
     assert "\x1b" not in page + str(report) and "<script" not in page and "&lt;script&gt;" in page
+    beside = f"<code>{report.evidence.path.name}</code>, and its sidecar <code>{report.evidence.path.name}.json</code>"
+    assert beside in page  # a reviewer who gets the one without the other can prove nothing

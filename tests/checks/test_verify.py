@@ -134,9 +134,12 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
         "<td>force1: spectrum</td><td>level</td>",
         "F = k x + A level (k tau v)(tau dp/dt)",
         f"numpy {np.__version__}",
+        "<code>proof\\Scripts\\activate</code>",
     ):
         assert word in page
-    program, text = (html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL))
+    install, program, text = (html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL))
+    assert install.startswith("python -m venv proof\n") and f" stimlib=={stimlib.__version__} numpy=={np.__version__} " in install
+    assert "sidecar" not in page  # what is in memory has none
     (tmp_path / "scene.json").write_text(text)
     monkeypatch.chdir(tmp_path)
     exec(program, {})

@@ -176,8 +176,10 @@ def at_rates(make) -> list[Method]:
 
 FORMULA = "largest error to the formula in continuous time"
 PROBLEMS = (
-    Problem("ring", "decaying sinusoids of 1 Hz to 1 kHz at 8 kHz", "largest error, of the maximum", SAMPLES, rings),
-    Problem("grain", "a recorded transient at each of 7 events in 4 s", "largest error, of the maximum", SAMPLES, grains),
+    Problem("ring", "decaying sinusoids of 1 Hz to 1 kHz at 8 kHz", "largest error, of the maximum", SAMPLES, rings, asked=True),
+    Problem(
+        "grain", "a recorded transient at each of 7 events in 4 s", "largest error, of the maximum", SAMPLES, grains, asked=True
+    ),
     Problem("burst", "a burst of 300.3 ms with ramps", FORMULA, 1000, partial(at_rates, bursts_at), "a millisecond"),
     Problem(
         "envelope",

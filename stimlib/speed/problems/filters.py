@@ -159,7 +159,12 @@ def moving() -> list[Method]:
 
 PROBLEMS = (
     Problem(
-        "lowpass", "Butterworth low-pass of order 4, 0.8 to 800 Hz at 8 kHz", "largest error of the response", SAMPLES, low_passes
+        "lowpass",
+        "Butterworth low-pass of order 4, 0.8 to 800 Hz at 8 kHz",
+        "largest error of the response",
+        SAMPLES,
+        low_passes,
+        asked=True,
     ),
     Problem(
         "bandpass",
@@ -167,6 +172,7 @@ PROBLEMS = (
         "largest error of the response",
         SAMPLES,
         band_passes,
+        asked=True,
     ),
     Problem(
         "svf",

@@ -84,6 +84,7 @@ PROBLEMS = (
         "largest error to the motion, of its maximum",
         T.size,
         interpolation,
+        asked=True,
     ),  # fmt: skip
     Problem(
         "velocity",

@@ -193,7 +193,7 @@ def recordings() -> list[Method]:
 
 PROBLEMS = (
     Problem("sawtooth", "a sawtooth of 201 Hz at 8 kHz", "largest alias below 1 kHz, of the first harmonic", SAMPLES, sawtooth),
-    Problem("chirp", "sweeps from 10 Hz to 1 kHz in 8 s, at 8 kHz", "largest error", SAMPLES, sweeps),
+    Problem("chirp", "sweeps from 10 Hz to 1 kHz in 8 s, at 8 kHz", "largest error", SAMPLES, sweeps, asked=True),
     Problem("pulses", "pulses of 157.9 Hz for 8 s", "largest error of an event's time, s", 8000, pulses, "a millisecond"),
     Problem(
         "playback", "a recording of 1 kHz with content to 418 Hz, at 8 kHz", "largest error, of the maximum", 1 << 14, recordings
