@@ -238,8 +238,29 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
     >>> S.levels[45, 30].round(2), S.levels.max().round(2)  # A
     (np.float64(1.0), np.float64(1.0))
     """
+    places = buried(turn)
+    return nodules([(*places[name], b) for name, b in RADII.items()], spacing=spacing)
+
+
+def buried(turn: float = 0.0) -> dict[str, tuple[float, float]]:
+    """Where the nodules A, B and C of `block` are, (x, y) in m.
+
+    Parameters
+    ----------
+    turn : float
+        As of `block`.
+
+    Raises
+    ------
+    BadValue
+        A turn that is no finite number.
+
+    Examples
+    --------
+    >>> from stimlib.soft import buried
+    >>> {name: (round(x, 3), round(y, 3)) for name, (x, y) in buried().items()}
+    {'A': (0.06, 0.09), 'B': (0.034, 0.045), 'C': (0.086, 0.045)}
+    """
     turn = design_value("block: turn", "float", turn)
     angles = (turn + math.pi / 2 + i * 2 * math.pi / 3 for i in range(3))
-    middle = BLOCK / 2
-    places = ((middle + 0.03 * math.cos(a), middle + 0.03 * math.sin(a)) for a in angles)
-    return nodules([(*place, b) for place, b in zip(places, RADII.values(), strict=True)], spacing=spacing)
+    return {name: (BLOCK / 2 + 0.03 * math.cos(a), BLOCK / 2 + 0.03 * math.sin(a)) for name, a in zip(RADII, angles, strict=True)}
