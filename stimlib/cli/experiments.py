@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import importlib
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,17 +14,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..core import regular
+from ..core.pool import terminable
 from ..core.progress import progress
-from ..errors import BadValue, shown
+from ..errors import BadValue, FaultError, SinkError, shown
 from . import options as opt
-from .app import command, group, print_json
+from .app import command, group, note, print_json
 from .scene import own_of
-from .terminal import Terminal
+from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
+    from ..live.asking import Asking
 
-PAPERS = ("ugrip", "bounciness", "roughness", "nodules")
+PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
 """Experiments of papers: a function of this name in stimlib.experiments.NAME."""
 
 experiment = group("experiment", "Run an experiment, go on with it, simulate it, and get its answers.")
@@ -46,6 +50,19 @@ Sink = Annotated[
     ),
 ]
 Device = Annotated[str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device.")]
+OnPage = Annotated[
+    bool,
+    typer.Option(
+        "--page",
+        help="Answers on a page of the browser, by keys, touch or mouse; its address is printed. Needs [bold]pip install "
+        "'stimlib\\[live]'[/].",
+    ),
+]
+Host = Annotated[
+    str,
+    typer.Option(help="Address at which the page is served. Another than 127.0.0.1 lets in a tablet, and whoever has the token."),
+]
+Port = Annotated[int, typer.Option(help="Of the page; 0 takes a free one.", min=0, max=65535)]
 
 
 def experiment_of(text: str) -> Experiment:
@@ -70,63 +87,86 @@ def experiment_of(text: str) -> Experiment:
     return made
 
 
-def _play(defined: str, data: Path, resume: bool, session: dict[str, Any], sink: str, device: str | None) -> None:
+def played(
+    defined: str,
+    resume: bool,
+    *,
+    participant: Participant,
+    session: SessionNumber = 1,
+    data: Data = Path("data"),
+    sink: Sink = "null",
+    device: Device = None,
+    pilot: Pilot = False,
+    page: OnPage = False,
+    host: Host = "127.0.0.1",
+    port: Port = 0,
+) -> None:
+    """A session, answered in the terminal or on a page; what ends it early says the command that goes on."""
     from ..experiments.present import SINKS
     from ..experiments.run import run
     from ..experiments.session import Session
 
+    given = {name: value for name, value in locals().items() if name in ("participant", "session", "data", "sink", "device")}
     made = experiment_of(defined)
     if sink not in SINKS:
         raise BadValue(f"--sink {sink}: choose one of {', '.join(SINKS)}")
     if device is not None and sink not in ("jack", "portaudio"):
         raise BadValue(f"--device: {sink} has no device")
     options = {} if device is None else {"server" if sink == "jack" else "name": device}
-    with Session(made, data, **session, resume=resume) as running:
+    with Session(made, data, participant, session, pilot, resume) as running:
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
         try:
-            run(running, Terminal(), sink, **options)
-        except KeyboardInterrupt:
-            words = {"participant": running.participant, "session": running.session, "data": data, "sink": sink, "device": device}
-            given = [word for name, value in words.items() if value is not None for word in (f"--{name}", str(value))]
-            again = shlex.join(["stimlib", "experiment", "resume", defined, *given, *["--pilot"] * running.pilot])
-            raise KeyboardInterrupt(f"{len(running.records)} answers are kept; go on with {again}") from None
+            with terminable():
+                if page:
+                    with on_page(host, port) as asking:
+                        run(running, asking, asking.display(made, sink, **options))
+                else:
+                    with terminal() as face:
+                        run(running, face, sink, **options)
+        except (KeyboardInterrupt, SinkError, FaultError) as e:
+            given |= {"host": host, "port": port or None} if page else {}
+            words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+            flags = ["--pilot"] * pilot + ["--page"] * page
+            again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
+            why = f"{e}; " if str(e) else ""
+            raise type(e)(f"{why}{len(running.records)} answers are kept; go on with {again}") from None
 
 
-@command("run", experiment)
-def run_(
-    defined: Defined,
-    participant: Participant,
-    session: SessionNumber = 1,
-    data: Data = Path("data"),
-    sink: Sink = "null",
-    device: Device = None,
-    pilot: Pilot = False,
-):
-    """Run a participant's session, answered by keyboard.  Each answer is on the disk before the next stimulus.
+@contextmanager
+def on_page(host: str, port: int) -> Iterator[Asking]:
+    """A server whose page is the face; the terminal has its address, and how far the session is."""
+    from ..live.asking import Asking
+    from ..live.server import Server
+
+    asking = Asking(lambda text: print(shown(text), flush=True))
+    with Server(asking, host, port) as server, asking:
+        if not server.private:
+            note(
+                f"{host}: whoever has the address below can answer: use it in a network of your own, and end it when you are done"
+            )
+        print(f"the participant answers at {server.url}", flush=True)
+        yield asking
+
+
+@command("run", experiment, play=played)
+def run_(defined: Defined, play: Any):
+    """Run a participant's session, answered by keyboard or on a page.  Each answer is on the disk before the next stimulus.
 
     Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment resume[/] goes on.
 
     [bold]stimlib experiment run pair.py:pair --participant P07 --sink jack[/]
     """
-    _play(defined, data, False, {"participant": participant, "session": session, "pilot": pilot}, sink, device)
+    play(defined, False)
 
 
-@command("resume", experiment)
-def resume(
-    defined: Defined,
-    participant: Participant,
-    session: SessionNumber = 1,
-    data: Data = Path("data"),
-    sink: Sink = "null",
-    device: Device = None,
-    pilot: Pilot = False,
-):
+@command("resume", experiment, play=played)
+def resume(defined: Defined, play: Any):
     """Go on with a session that was left, exactly where it was; a pause that is due is still due.
 
     [bold]stimlib experiment resume pair.py:pair --participant P07 --sink jack[/]
     """
-    _play(defined, data, True, {"participant": participant, "session": session, "pilot": pilot}, sink, device)
+    play(defined, True)
 
 
 @command("status", experiment)
@@ -145,7 +185,8 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
         who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
         print(f"{who}: {s['trials']} trials, {s['training']} of them training ({conditions}); {s['replays']} replays, "
-              f"{s['lost']} samples lost, {s['limited']} limited; last answer {s['last'][:19] or 'none'}")  # fmt: skip
+              f"{s['unanswered']} presentations without an answer, {s['lost']} samples lost, {s['limited']} limited; "
+              f"last answer {s['last'][:19] or 'none'}")  # fmt: skip
     if not found:
         print(f"no session of {name} in {data}")
 
@@ -190,6 +231,7 @@ def analyse(
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
+    from ..experiments.own import called
     from ..experiments.saved import columns, sessions
 
     made = experiment_of(defined)
@@ -204,6 +246,6 @@ def analyse(
     if out is not None:
         regular.publish(out, text.getvalue())
     if made.analysis is not None:
-        print(shown(made.analysis(found)))
+        print(shown(called("the analysis", made.analysis, found)))
     elif out is None:
         print(text.getvalue(), end="")

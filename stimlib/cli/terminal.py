@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import termios
 import time
-from typing import TYPE_CHECKING, Any
-
-import typer
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from ..core.progress import progress
-from ..errors import BadValue, SinkError, shown
+from ..errors import SinkError, shown
+from ..experiments.prompts import Keyed, Prompt
 
-if TYPE_CHECKING:
-    from ..experiments.questions import Question
-    from ..experiments.trial import Trial
-
-REPLAY = "r"
-_ENDED = "the input has ended before the session: all answers so far are kept, resume it"
+_ENDED = "the input has ended before the session"
 
 
-class Terminal:
-    """One key for an answer where stdin is a terminal, else one line of it, as from a file or a program."""
+class Terminal(Keyed):
+    """One line for an answer, as from a file or a program; from `terminal`, one key of a terminal.
+
+    Parameters
+    ----------
+    fd : int
+        The terminal whose keys are read; below 0, lines of stdin are.
+    keys, lines : list
+        Its attributes, as of termios, while nothing is asked or a key is, and while a line is typed.
+    """
+
+    def __init__(self, fd: int = -1, keys: list[Any] | None = None, lines: list[Any] | None = None):
+        self._fd, self._keys, self._lines = fd, keys, lines
 
     def tell(self, text: str) -> None:
         """A text of its own line."""
@@ -35,79 +45,73 @@ class Terminal:
                 time.sleep(min(left, 1.0))
                 advance(min(left, 1.0))
 
-    def ready(self, text: str) -> None:
-        """Goes on with any key."""
-        self._key(f"{text}: any key begins", "")
+    def read(self, prompt: Prompt) -> str:
+        """A key, or a line of it."""
+        keys = ", ".join(f"{key} = {says}" for key, says in prompt.keys.items() if key and says)
+        text = f"{prompt.text}: {prompt.keys['']}" if "" in prompt.keys else f"{prompt.text} {keys}".rstrip()
+        return self._line(text) if prompt.line else self._key(text)
 
-    def pick(self, names: list[str]) -> str | None:
-        """A number for each stimulus, 0 begins the experiment."""
-        text = ", ".join(f"{i} = {name}" for i, name in enumerate(names, 1))
-        while True:
-            key = self._key(f"Get to know the stimuli: {text}; 0 = begin", "0")
-            if key == "0":
-                return None
-            if key.isdecimal() and 1 <= int(key) <= len(names):
-                return names[int(key) - 1]
-
-    def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Until it is an answer; None for a replay."""
-        more = f"; {REPLAY} = once more ({replays} left)" if replays > 0 and REPLAY not in question.keys else ""
-        while True:
-            text = self._answer(question, more)
-            if more and text == REPLAY:
-                return None
-            try:
-                value = _value(question, text)
-                question.check(value)
-                return value
-            except BadValue as e:
-                self.tell(str(e))
-
-    def _answer(self, question: Question, more: str) -> str:
-        if question.kind == "choice":
-            keys = ", ".join(f"{k} = {c}" for k, c in zip(question.keys, question.choices, strict=True))
-            return self._key(f"{question.text} {keys}{more}", "")
-        if question.kind == "rating":
-            ends = f"1 = {question.choices[0]}, {question.most} = {question.choices[1]}"
-            read = self._key if question.most < 10 else self._line
-            return read(f"{question.text} {ends}{more}", "")
-        how = f"in order, of {' '.join(question.choices)}" if question.kind == "ranking" else "x y; x y"
-        return self._line(f"{question.text} ({how}){more}", "")
-
-    def _key(self, text: str, default: str) -> str:
-        if not sys.stdin.isatty():
-            return self._line(text, default)
+    def _key(self, text: str) -> str:
+        if self._fd < 0:
+            return self._line(text)
+        termios.tcflush(self._fd, termios.TCIFLUSH)
         print(shown(text), flush=True)
-        try:
-            key = typer.getchar()  # drops what was hit before
-        except EOFError:
-            key = "\x04"
-        if key == "\x03":
-            raise KeyboardInterrupt
-        if key == "\x04":
+        key = b""
+        with suppress(OSError):  # the terminal has gone
+            key = os.read(self._fd, 32)
+        if key in (b"", b"\x04"):  # Ctrl-D
             raise SinkError(_ENDED)
-        return key.strip() or default
+        return key.decode(errors="replace").strip()
 
-    def _line(self, text: str, default: str) -> str:
+    def _line(self, text: str) -> str:
+        _become(self._fd, self._lines)
         print(shown(text), flush=True)
         try:
             line = sys.stdin.readline()
         except UnicodeDecodeError:
             line = "\N{REPLACEMENT CHARACTER}"  # which is no answer
+        finally:
+            _become(self._fd, self._keys)
         if not line:
             raise SinkError(_ENDED)
-        return line.strip() or default
+        return line.strip()
 
 
-def _value(question: Question, text: str) -> Any:
-    """What was typed, as data; the question checks it."""
-    if question.kind == "choice":
-        return dict(zip(question.keys, question.choices, strict=True)).get(text, text)
-    if question.kind == "rating":
-        return int(text) if text.isdecimal() and len(text) < 9 else text
-    if question.kind == "ranking":
-        return text.split()
+@contextmanager
+def terminal() -> Iterator[Terminal]:
+    """The face at stdin.  Where that is a terminal, what is hit while nothing is asked is neither shown nor taken.
+
+    Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z suspends the command.
+    """
+    if not sys.stdin.isatty():
+        yield Terminal()
+        return
+    fd = sys.stdin.fileno()
+    before, keys = termios.tcgetattr(fd), termios.tcgetattr(fd)
+    keys[3] &= ~(termios.ECHO | termios.ICANON)
+    for which, code in ((termios.VMIN, 1), (termios.VTIME, 0), (termios.VQUIT, b"\0")):  # Ctrl-\\ would leave it so
+        keys[6][which] = code
+
+    def suspended(*_: Any) -> None:
+        now = termios.tcgetattr(fd)
+        _become(fd, before)
+        signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGTSTP)  # here it stops, until it goes on
+        signal.signal(signal.SIGTSTP, suspended)
+        _become(fd, now)
+
+    usual = signal.signal(signal.SIGTSTP, suspended)
     try:
-        return [[float(v) for v in place.split()] for place in text.split(";") if place.strip()]
-    except ValueError:
-        return text
+        _become(fd, keys)
+        yield Terminal(fd, keys, before)
+    finally:
+        signal.signal(signal.SIGTSTP, usual)
+        with suppress(termios.error):  # it has gone
+            _become(fd, before)
+
+
+def _become(fd: int, attributes: list[Any] | None) -> None:
+    """Attributes of a terminal, where there is one; what was hit before is dropped, or the shell would get it."""
+    if attributes is not None:
+        termios.tcflush(fd, termios.TCIFLUSH)
+        termios.tcsetattr(fd, termios.TCSANOW, attributes)

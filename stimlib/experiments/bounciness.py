@@ -5,14 +5,15 @@ Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University;
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import pi
+from math import isfinite, nan, pi
+from statistics import fmean, stdev
 
 import numpy as np
 
-from ..analysis.cues import cues
+from ..analysis.cues import Cues, cues
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.generators import sinusoid
@@ -21,9 +22,10 @@ from ..run.safety import Safety
 from ..scenes import viscoelastic
 from .designs import Listed, Parts, turn_of
 from .detection import detection
+from .distances import distances, recorded
 from .experiment import Cursor, Experiment, Timing
 from .questions import choice
-from .saved import columns
+from .saved import Saved, columns
 from .scaling import Line, jnd_from_dprime, line
 from .tables import Columns, grouped
 from .tasks import Identify
@@ -48,7 +50,8 @@ def bounciness() -> Experiment:
     Returns
     -------
     Experiment
-        Its ``observer`` feels the phase of the rendered force, see `person`; its ``analysis`` is `jnds`.
+        Its ``observer`` feels the phase of the rendered force, see `person`; its ``analysis`` has `jnds` and, where trials were
+        displayed, `explained`.
 
     References
     ----------
@@ -81,7 +84,7 @@ def bounciness() -> Experiment:
         cursor=Cursor("y", 0.01, 1.0),
         instructions="Follow the cursor. Then say which of the two materials it was.",
         observer=person(),
-        analysis=lambda sessions: text(jnds(columns(sessions))),
+        analysis=analysis,
     )
 
 
@@ -216,14 +219,8 @@ def jnds(answers: Columns) -> Jnds:
     --------
     See :doc:`/reference/experiments_bounciness`.
     """
-    d: dict[tuple[str, str], float] = {}
-    for (who, condition), rows in grouped(answers, ("participant", "condition")).items():
-        counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
-        for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
-            counts[level][0] += int(outcome)
-            counts[level][1] += 1
-        (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
-        d[who, condition] = detection(hits, signals, alarms, noises).d
+    sessions = grouped(answers, ("participant", "condition"))
+    d = {(who, condition): _sensitivity(rows) for (who, condition), rows in sessions.items()}
     people = list(dict.fromkeys(who for who, _ in d))
     if missing := [(who, c) for who in people for c in PAIRS if (who, c) not in d]:
         raise BadValue(f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are needed")
@@ -234,6 +231,16 @@ def jnds(answers: Columns) -> Jnds:
     jnd = {a: jnd_from_dprime([each[who, a] for who in people], steps) for a in REFERENCES.values()}
     above = [a for a in jnd if a > 0]
     return Jnds(each, jnd, line(above, [jnd[a] for a in above]))
+
+
+def _sensitivity(rows: Columns) -> float:
+    """d' of one session."""
+    counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
+    for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
+        counts[level][0] += int(outcome)
+        counts[level][1] += 1
+    (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
+    return detection(hits, signals, alarms, noises).d
 
 
 def text(found: Jnds) -> str:
@@ -247,3 +254,107 @@ def text(found: Jnds) -> str:
     fit = found.line
     lines.append(f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452 alpha -0.0012, R2 = 0.998")
     return "\n".join(lines)
+
+
+# What they went by -----------------------------------------------------------------------------------------------------
+CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
+"""The fifteen of section 3.8, the loss factor as it is usually defined."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Normalised distances of physical cues beside d', figure 3.7 of the thesis.
+
+    Attributes
+    ----------
+    d : dict of float to float
+        By reference: mean d' of the sessions.
+    ratio : dict of (float, str) to (float, float, int)
+        By reference and cue: mean of the sessions' normalised distances over their d', its standard error, and of how many
+        sessions; the others' distances are not determined, see `stimlib.experiments.distances.Distance`.
+    left_out : int
+        Trials without cues, because the hand hardly moved; they are in none of these numbers.
+    """
+
+    d: Mapping[float, float]
+    ratio: Mapping[tuple[float, str], tuple[float, float, int]]
+    left_out: int = 0
+
+
+def explained(trials: Columns) -> Explained:
+    """Which physical cue explains the answers: for each session and cue a probit model, and its distance over the session's d'.
+
+    Parameters
+    ----------
+    trials : dict of str to sequence
+        As `stimlib.experiments.distances.recorded` gives them: with the cues of each trial.
+
+    Returns
+    -------
+    Explained
+
+    Raises
+    ------
+    BadValue, UnknownName
+        As `stimlib.experiments.distances.distances`; a column is missing.
+
+    References
+    ----------
+    Çaldıran's thesis, sections 3.8 and 3.9: averaged across the increments and the participants.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    moved = [k for k, frequency in enumerate(trials["frequency"]) if isfinite(frequency)]
+    there = {name: [column[k] for k in moved] for name, column in trials.items()}
+    d: dict[float, list[float]] = {}
+    ratios: dict[tuple[float, str], list[float]] = {}
+    for (_, condition), rows in grouped(there, ("participant", "condition")).items():
+        reference = PAIRS[condition][0]
+        d.setdefault(reference, []).append(_sensitivity(rows))
+        whole = {name: rows[name] for name in CUES if np.isfinite(rows[name]).all()}  # a force may have had no peak
+        ratio = {found.cue: found.ratio for found in distances(whole, rows["outcome"], d[reference][-1])}
+        for name in CUES:
+            ratios.setdefault((reference, name), []).append(ratio.get(name, nan))
+    return Explained(
+        {a: fmean(d[a]) for a in sorted(d)}, {key: _mean(v) for key, v in ratios.items()}, len(trials["frequency"]) - len(moved)
+    )
+
+
+def _mean(values: list[float]) -> tuple[float, float, int]:
+    """Mean, standard error, and of how many: of those that are determined."""
+    v = [value for value in values if isfinite(value)]
+    return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
+
+
+def cues_text(found: Explained) -> str:
+    """A row for each cue, a column for each reference; an asterisk at the three largest of each, as the thesis shows them.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    table = [["alpha", *(f"{a:g}" for a in found.d)], ["mean d'", *(f"{d:.3f}" for d in found.d.values())]]
+    table += [[name, *(_cell(found, a, name) for a in found.d)] for name in CUES]
+    lines = ["".join(f"{cell:<20}" for cell in row).rstrip() for row in table]
+    if found.left_out:
+        lines.append(f"trials left out, because the hand moved for less than two periods: {found.left_out}")
+    return "\n".join(lines)
+
+
+def _cell(found: Explained, reference: float, name: str) -> str:
+    mean, error, n = found.ratio[reference, name]
+    if not n:
+        return "-"
+    larger = sum(found.ratio[reference, other][0] > mean for other in CUES)
+    return f"{mean:.3f}{f' ±{error:.3f}' * (n > 1)} ({n}){'*' * (larger < 3)}"
+
+
+def analysis(sessions: Sequence[Saved]) -> str:
+    """Just-noticeable differences, and below them the cues beside d' where all trials have logs of what was displayed."""
+    told = text(jnds(columns(sessions)))
+    if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):
+        return f"{told}\ncues: some trials have no log of what was displayed (simulate with --rendered keeps them)"
+    title = "normalised distance over d', mean over sessions ± standard error (sessions)"
+    return f"{told}\n\n{title}\n{cues_text(explained(recorded(sessions, 'y', 'force')))}"

@@ -7,7 +7,6 @@ other order.
 from __future__ import annotations
 
 import dataclasses as dc
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -125,7 +124,7 @@ class Staircase:
             raise BadValue(f"Staircase: bounds = {self.bounds!r} and start = {self.start!r} must be numbers, or (low, high)")
         low, high = self.bounds
         least, largest = self._start
-        if not (0 < low < high < math.inf):
+        if not (0 < low < high):
             raise BadValue(f"Staircase: bounds = {self.bounds} must rise from a level above 0: steps are in dB")
         if not low <= least <= largest <= high:
             raise BadValue(f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}")
@@ -262,12 +261,21 @@ class Interleaved:
     tracks : dict of str to Design
         By the name of the track.
 
+    Raises
+    ------
+    BadValue
+        No track.
+
     Examples
     --------
     The UGrip paper: ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low": Staircase(task, (0.4, 0.5), bounds)})``.
     """
 
     tracks: Mapping[str, Design]
+
+    def __post_init__(self):
+        if not self.tracks:
+            raise BadValue("Interleaved: give at least one design, by the name of its track")
 
     def init(self, seed: int) -> State:
         """Each track has a seed of its own."""
@@ -303,6 +311,11 @@ class Parts:
     shuffle : bool
         In random order, each participant in their own; else as they are given.
 
+    Raises
+    ------
+    BadValue
+        No part.
+
     Examples
     --------
     >>> from stimlib.experiments.designs import Listed, Parts
@@ -321,6 +334,10 @@ class Parts:
     parts: Mapping[str, Design]
     pause: float = 0.0
     shuffle: bool = False
+
+    def __post_init__(self):
+        if not self.parts:
+            raise BadValue("Parts: give at least one design, by the name of its part")
 
     def init(self, seed: int) -> State:
         """Each part has a seed of its own."""

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..errors import BadValue
+from ..analysis.cues import Cues, cues
+from ..core.progress import progress as bar
+from ..errors import BadValue, UnknownName
+from ..files.replay import delivered
+from ..files.session import read_log
 from .fits import undetermined
 from .likelihood import Sets, maximum, numbers
+from .saved import Saved, columns
+from .trial import Record
+
+FAR = 10.0
+"""A distance that no answers tell: of a z of 5 the other answer comes once in three million trials."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +39,9 @@ class Distance:
     slope : float
         Of the probit over one unit of the cue; above 0 where more of the cue means more answers "signal".
     problem : str
-        ``""``, ``"separated"`` (the cue parts the answers wholly, so z is not determined), ``"few"`` (one answer or one value
-        only), or ``"one side"`` (no trial, or all of them, would be taken for a signal).
+        ``""``, ``"separated"`` (the cue parts the answers wholly, or but for trials in which it hardly differs, so that z is not
+        determined or above `FAR`), ``"few"`` (one answer or one value only), or ``"one side"`` (no trial, or all of them, would
+        be taken for a signal).
     """
 
     cue: str
@@ -102,4 +114,94 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
     if not 0 < np.sum(z > 0) < z.size:
         return Distance(name, math.nan, math.nan, float(fit.b), "one side")
     value = float(z[z > 0].mean() - z[z <= 0].mean())
+    if value > FAR:
+        return Distance(name, math.nan, math.nan, float(fit.b), "separated")
     return Distance(name, value, value / d if d else math.nan, float(fit.b), "")
+
+
+# What was displayed ----------------------------------------------------------------------------------------------------
+def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64]]]:
+    """The signals of each interval of a trial, from its log: the hand's, and the outputs as they were delivered, in their units.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the session.
+    record : Record
+        Of a trial with a log; of its presentations the last.
+
+    Returns
+    -------
+    list of dict of str to ndarray, shape (n,)
+        By the names of inputs and outputs, float64; 0 where samples were lost.
+
+    Raises
+    ------
+    BadValue
+        The trial has no log: it was not displayed, or without one.
+    SinkError
+        The log is missing or damaged.
+    """
+    shown = record.displayed[-1] if record.displayed else {}
+    if "log" not in shown:
+        raise BadValue(f"{folder}, trial {record.number}: no log of it was kept, so nobody knows what was displayed")
+    log = read_log(folder / shown["log"])
+    frames = np.concatenate([f.astype(np.float64) * there for _, f, there in delivered(log)]) * log.safety.scales(log.outputs)
+    outputs = dict(zip(log.outputs, frames.T, strict=True))
+    inputs = dict(zip(log.inputs, np.asarray(log.motion).T, strict=True))
+    return [{name: x[a:b] for name, x in (inputs | outputs).items()} for a, b in shown["intervals"]]
+
+
+def recorded(sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any) -> dict[str, list[Any]]:
+    """The physical cues of all trials that count, from their logs: what the hand did, and what it was given.
+
+    Parameters
+    ----------
+    sessions : sequence of Saved
+        With trials of one interval, displayed with a log.
+    position, force : str
+        Input in m, and output in N.
+    progress : bool
+        A progress bar on stderr, if that is a terminal.
+    **how
+        As `stimlib.analysis.cues.cues`, such as ``window``.
+
+    Returns
+    -------
+    dict of str to list
+        As `stimlib.experiments.saved.columns`, and one column for each of `stimlib.analysis.cues.Cues`: nan in all of them for a
+        trial in which the hand did not move, or for less than two periods.
+
+    Raises
+    ------
+    UnknownName
+        No such input or output.
+    BadValue
+        A trial without a log, or of several intervals; what ``cues`` does not take.
+    SinkError
+        A log is missing or damaged.
+
+    References
+    ----------
+    Çaldıran's thesis, section 3.8.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    cues(np.sin(np.arange(100.0)), np.ones(100), 1.0, **how)  # says what is wrong with these words
+    rows: list[Cues] = []
+    trials = [(s, r) for s in sessions for r in s.data]
+    with bar("cues", len(trials), progress) as advance:
+        for s, r in trials:
+            signals = displayed(s.folder, r)
+            if len(signals) != 1:
+                raise BadValue(f"{s.folder}, trial {r.number}: it has {len(signals)} intervals; cues are of trials with one")
+            if missing := [name for name in (position, force) if name not in signals[0]]:
+                raise UnknownName(f"{s.folder}: no signal {missing[0]!r}; there are {', '.join(signals[0])}")
+            try:
+                rows.append(cues(signals[0][position], signals[0][force], r.displayed[-1]["fs"], **how))
+            except BadValue:
+                rows.append(Cues(*[math.nan] * len(Cues._fields)))
+            advance(1)
+    return columns(sessions) | {name: [getattr(row, name) for row in rows] for name in Cues._fields}

@@ -12,8 +12,9 @@ from typing import Any
 from ..core import fields
 from ..core.scene import Scene
 from ..core.units import Unit
-from ..errors import BadValue, StimlibError, UnknownName
+from ..errors import BadValue, UnknownName
 from ..run.safety import Safety
+from .own import called
 from .questions import Question
 from .streams import seed_of
 from .trial import Design, Observer, Stimulus, Trial
@@ -165,9 +166,10 @@ class Experiment:
             raise BadValue(f"experiment {self.name!r}: replays = {self.replays!r} must be a whole number from 0 on")
         if self.masking and self.masking.output in self.outputs:
             raise BadValue(f"Masking: {self.masking.output!r} is an output of a scene: name a channel of its own")
-        inputs = {i: None for s in self.scenes.values() for i in s.inputs}
-        if self.cursor and self.cursor.input not in inputs:
-            raise UnknownName(f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(inputs) or 'none'}")
+        if self.cursor and self.cursor.input not in self.inputs:
+            raise UnknownName(
+                f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(self.inputs) or 'none'}"
+            )
         for name, (low, high) in self.bounds.items():
             if name not in known:
                 raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")
@@ -178,6 +180,11 @@ class Experiment:
     def outputs(self) -> dict[str, Unit]:
         """Of all scenes, in their order: the channels of every trial, so that no channel moves from trial to trial."""
         return {name: block.dim for s in self.scenes.values() for name, block in s.outputs.items()}
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Of all scenes, in the order of first use."""
+        return tuple({name: None for s in self.scenes.values() for name in s.inputs})
 
     def question(self, name: str) -> Question:
         """By its name; UnknownName where there is none."""
@@ -190,12 +197,7 @@ class Experiment:
         """The design of one participant's session."""
         if isinstance(self.design, Design):
             return self.design
-        try:
-            made = self.design(participant, session)
-        except StimlibError:
-            raise
-        except Exception as e:
-            raise BadValue(f"experiment {self.name!r}: design({participant!r}, {session}): {type(e).__name__}: {e}") from e
+        made = called(f"experiment {self.name!r}: design({participant!r}, {session})", self.design, participant, session)
         if not isinstance(made, Design):
             raise BadValue(f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80}, no design")
         return made

@@ -295,7 +295,7 @@ def _fit(
     )
 
 
-def _some(sets: Sets, rows: Sequence[int]) -> Sets:
+def _some(sets: Sets, rows: Sequence[int] | Array) -> Sets:
     return Sets(*(v[rows] for v in sets))
 
 
@@ -337,24 +337,30 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
     """
     from scipy.stats import chi2
 
+    each = np.broadcast_arrays(*sets)
+    shape, sets = each[0].shape[:-1], Sets(*(v.reshape(-1, v.shape[-1]) for v in each))
     middle = total(sets.x * sets.n) / total(sets.n)
     best = maximum(sets, middle, model)
     z = np.sqrt(chi2.ppf(confidence, 1))
-    both = np.array([-1.0, 1.0]).reshape(2, *[1] * best.b.ndim)
-    width = np.sqrt(total(sets.n * (sets.x - middle[..., None]) ** 2) / total(sets.n)) / 8
+    both = np.repeat([-1.0, 1.0], middle.size)  # the lower ends of all sets, then the upper ones
+    width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
 
-    def fallen(held: Found) -> Array:
-        return np.sqrt(2 * np.maximum(best.loglik - held.loglik, 0.0)) - z  # nearly straight
+    def fallen(k: Array, c: Array, **held: Array) -> Array:
+        """Nearly straight in what is held."""
+        peak = Found(*(v[k] for v in best))
+        least = maximum(_some(sets, k), c, model, start=peak, **held)
+        return np.sqrt(2 * np.maximum(peak.loglik - least.loglik, 0.0)) - z
 
-    def at_pse(m: Array) -> Array:
-        return fallen(maximum(sets, m, model, a=0.0, start=best))
+    def at_pse(m: Array, rows: Array) -> Array:
+        return fallen(rows % middle.size, m, a=np.zeros(m.shape))
 
-    def at_slope(logs: Array) -> Array:
-        return fallen(maximum(sets, middle, model, b=np.exp(np.clip(logs, -60, 60)), start=best))
+    def at_slope(logs: Array, rows: Array) -> Array:
+        k = rows % middle.size
+        return fallen(k, middle[k], b=np.exp(np.clip(logs, -60, 60)))
 
-    pses = ends(at_pse, np.broadcast_to(middle - best.a / best.b, (2, *best.b.shape)), both * width)
-    slopes = ends(at_slope, np.broadcast_to(np.log(np.abs(best.b)), pses.shape), -0.2 * both)
-    return np.stack([pses, np.exp(-slopes)])
+    pses = ends(at_pse, np.tile(middle - best.a / best.b, 2), both * np.tile(width, 2))
+    slopes = ends(at_slope, np.tile(np.log(np.abs(best.b)), 2), -0.2 * both)
+    return np.stack([pses, np.exp(-slopes)]).reshape(2, 2, *shape)
 
 
 def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES) -> Array:

@@ -185,11 +185,12 @@ def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool
     """The best of many starts and rates of lapses, each after a few steps; x is in spreads of the levels."""
     shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
     grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
-    middles, slopes = (np.tile(v, grid.size) for v in np.array(STARTS).T)
+    starts = list(dict.fromkeys((free[0] * m, free[1] * s) for m, s in STARTS))  # what is held makes many of them one
+    middles, slopes = (np.tile(v, grid.size) for v in np.array(starts).T)
     low = np.full(shape, 0.0 if model.lapse is None else model.lapse)
     high = low + (LAPSES if model.lapse is None else 0.0)
     for _ in range(ZOOMS if model.lapse is None else 1):
-        rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(STARTS), axis=-1)
+        rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(starts), axis=-1)
         steep = slopes if free[1] else b[..., None]
         start = -middles * steep if free[0] else a[..., None]
         found = _climb(each, model, Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))), free, FEW)
@@ -234,16 +235,17 @@ def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, lapse: Array
     return loglik, np.stack([free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)], axis=1)
 
 
-def ends(excess: Callable[[Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
-    """Where a function that is below 0 at the start first passes 0 on the way along step; inf (of the step's sign) if nowhere.
+def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
+    """Where functions that are below 0 at their starts first pass 0 on the way along step; inf (of the step's sign) if nowhere.
 
     The step is doubled until 0 is passed, 14 times at most; then false position, by the Illinois rule.
 
     Parameters
     ----------
     excess : callable
-        Of an array of the starts' shape, each number by itself; quick where it is nearly straight.
-    start, step : array_like
+        ``excess(x, rows)``: the values of so many of the functions, by their numbers, at a place of each; quick where they are
+        nearly straight.  Asked only of those that are still looked for.
+    start, step : array_like, shape (n,)
 
     References
     ----------
@@ -253,29 +255,32 @@ def ends(excess: Callable[[Array], Array], start: ArrayLike, step: ArrayLike) ->
     --------
     >>> import numpy as np
     >>> from stimlib.experiments.likelihood import ends
-    >>> ends(lambda x: x**2 - 2, np.zeros(2), np.array([0.1, -0.1])).round(6)
+    >>> ends(lambda x, rows: x**2 - 2, np.zeros(2), np.array([0.1, -0.1])).round(6)
     array([ 1.414214, -1.414214])
     """
-    near, step = np.broadcast_arrays(np.asarray(start, float), np.asarray(step, float))
-    below = excess(near)
+    near, step = (np.array(v, float) for v in np.broadcast_arrays(start, step))
+    rows = np.arange(near.size)
+    below = excess(near, rows)
     far = near + step
-    above = excess(far)
+    above = excess(far, rows)
     for _ in range(DOUBLINGS):
-        inside = ~(above > 0)
-        if not inside.any():
+        rows = np.flatnonzero(~(above > 0))
+        if not rows.size:
             break
-        near, below, step = np.where(inside, far, near), np.where(inside, above, below), np.where(inside, 2 * step, step)
-        far = np.where(inside, near + step, far)
-        above = excess(far)
+        near[rows], below[rows] = far[rows], above[rows]
+        step[rows] *= 2
+        far[rows] += step[rows]
+        above[rows] = excess(far[rows], rows)
     never = ~(above > 0)
-    middle, done = far, never
+    middle, rows = far.copy(), np.flatnonzero(~never)
     for _ in range(SECANTS):
-        if done.all():
+        if not rows.size:
             break
-        middle = np.where(done, middle, near - below * (far - near) / np.where(done, 1.0, above - below))
-        value = excess(middle)
+        a, at_a, b, at_b = near[rows], below[rows], far[rows], above[rows]
+        x = middle[rows] = a - at_a * (b - a) / (at_b - at_a)
+        value = excess(x, rows)
         out = value > 0
-        below, above = np.where(out, below / 2, value), np.where(out, value, above / 2)
-        near, far = np.where(out, near, middle), np.where(out, middle, far)
-        done = done | (np.abs(value) <= NEAR)
+        below[rows], above[rows] = np.where(out, at_a / 2, value), np.where(out, value, at_b / 2)
+        near[rows], far[rows] = np.where(out, a, x), np.where(out, x, b)
+        rows = rows[~(np.abs(value) <= NEAR)]
     return np.where(never, np.copysign(np.inf, step), middle)

@@ -270,7 +270,7 @@ def simulate(
     Raises
     ------
     BadValue, UnknownName
-        What a trial or an observer finds wrong; a participant without an observer.
+        What a trial or an observer finds wrong; a participant without an observer; a design without a trial.
     MissingPackage
         Several workers and no cloudpickle: ``pip install 'stimlib[sweep]'``.
 
@@ -314,7 +314,7 @@ def simulate(
             rows += found
             advance(1)
     names = *COLUMNS, *(q.name for q in experiment.questions)
-    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+    return {name: [row[k] for row in rows] for k, name in enumerate(names)}
 
 
 def _unpacked(data: bytes) -> list[tuple]:
@@ -326,12 +326,14 @@ def _unpacked(data: bytes) -> list[tuple]:
 def _participant(experiment: Experiment, observer: Observer, code: str, session: int, seed: int) -> list[tuple]:
     """The trials of one participant's session."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
-    rows = []
+    rows, number = [], 0
     for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):
         experiment.check(trial)
         if not trial.training:
             asked = (answer.values.get(q.name) for q in experiment.questions)
             rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer), *asked))
+    if not number:
+        raise BadValue(f"the design of {code}, session {session}, has no trial")
     return rows
 
 

@@ -21,6 +21,7 @@ from ..core.graph import Block, Enabled, Param, constant, reach, signals
 from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
+from ..devices.sources import Live, Signals
 from ..errors import BadValue, SceneError, UnknownName
 from ..files.log import LogWriter, header
 from ..files.replay import delivered
@@ -155,8 +156,14 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
 
 
 def _moves(experiment: Experiment, scene: Scene) -> Any:
-    """Of motions by input those that this trial's scene has."""
+    """Of motions by input those that this trial's scene has; of a hand in real time all, whose rows go by the inputs' order."""
     m = experiment.motion
+    if isinstance(m, (Live, Signals)) and tuple(scene.inputs) != experiment.inputs:
+        raise BadValue(
+            f"motion={type(m).__name__}: a trial takes the inputs {', '.join(scene.inputs) or 'none'}, the experiment "
+            f"{', '.join(experiment.inputs)}: a row of positions would mean another input there. Let all scenes use all inputs, "
+            "in the same order"
+        )
     return {name: m[name] for name in scene.inputs if name in m} if isinstance(m, Mapping) else m
 
 
@@ -188,7 +195,12 @@ SINKS: dict[str, Callable[..., Sink]] = {
 
 
 def present(
-    experiment: Experiment, trial: Trial, sink: str = "offline", log: str | os.PathLike[str] | None = None, **options: Any
+    experiment: Experiment,
+    trial: Trial,
+    sink: str = "offline",
+    log: str | os.PathLike[str] | None = None,
+    began: Callable[[Sink], None] | None = None,
+    **options: Any,
 ) -> dict[str, Any]:
     """Display a trial once, with the safety stage as always.
 
@@ -200,6 +212,8 @@ def present(
         Name in ``SINKS``.
     log : path, optional
         Folder for the log of this presentation; needed for what was displayed.
+    began : callable, optional
+        ``began(sink)`` is called once sample 0 is on its way.
     **options
         More for the sink, such as ``server`` of JACK.
 
@@ -229,6 +243,8 @@ def present(
     with SINKS[sink](scene, safety, motion=_moves(experiment, scene), seed=seed, params=params, log=to, **options) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
+        if began is not None:
+            began(playing)
         if experiment.hand is not None:
             experiment.hand(playing)
         playing.wait()
@@ -240,6 +256,8 @@ def present(
 # What came out -------------------------------------------------------------------------------------------------------
 def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]) -> dict[str, Any]:
     """Peak and RMS of each output in each interval, of the samples that the log says were delivered, in the outputs' units.
+
+    Where there is a reference, how well the hand followed it; None of an interval that was stopped.
 
     Parameters
     ----------
@@ -264,7 +282,9 @@ def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tu
     }
     if experiment.cursor is not None and experiment.cursor.input in log.inputs:
         k = log.inputs.index(experiment.cursor.input)
-        found["following"] = [followed(log.motion[a:b][:, k], experiment.cursor, log.fs) for a, b in at]
+        hands = [log.motion[a:b][:, k] for a, b in at]
+        whole = [len(x) == b - a for x, (a, b) in zip(hands, at, strict=True)]  # not so where it was stopped
+        found["following"] = [followed(x, experiment.cursor, log.fs) if w else None for x, w in zip(hands, whole, strict=True)]
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from contextlib import suppress
 from typing import Any
 
 from ..core.fields import number
@@ -53,6 +54,35 @@ class Question:
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
+    def answer(self, text: str) -> Any:
+        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``.
+
+        Raises
+        ------
+        BadValue
+            It answers nothing; the message says what would.
+
+        Examples
+        --------
+        >>> from stimlib.experiments.questions import choice, places
+        >>> choice("softer", "Which one was softer?", "first", "second").answer("2")
+        'second'
+        >>> places("nodules", "Where are they?", most=3).answer("0.01 0.02; 0.03 0")
+        [[0.01, 0.02], [0.03, 0.0]]
+        """
+        value: Any = text
+        if self.kind == "choice":
+            value = dict(zip(self.keys, self.choices, strict=True)).get(text, text)
+        elif self.kind == "rating" and text.isdecimal() and len(text) < 9:
+            value = int(text)
+        elif self.kind == "ranking":
+            value = text.split()
+        elif self.kind == "places":
+            with suppress(ValueError):
+                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()]
+        self.check(value)
+        return value
+
 
 def _place(v: Any) -> bool:
     return isinstance(v, (list, tuple)) and len(v) == 2 and all(map(number, v))
@@ -67,12 +97,12 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     *choices : str
         Two at least.
     keys : str
-        A letter for each choice; by default 1, 2, ..
+        A letter or digit for each choice; by default 1, 2, ..
 
     Raises
     ------
     BadValue
-        Fewer than two choices, one twice, or keys that are not one for each.
+        Fewer than two choices, one twice, or keys that are not one for each; a blank is no key.
 
     Examples
     --------
@@ -81,8 +111,11 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     ('1', '2')
     """
     keys = keys or "123456789"[: len(choices)]
-    if len(choices) < 2 or len(set(choices)) != len(choices) or len(keys) != len(choices) or len(set(keys)) != len(keys):
-        raise BadValue(f"choice {name!r}: give at least two choices, each once, and one key for each; got {choices}, {keys!r}")
+    good = all(k.isprintable() and not k.isspace() for k in keys) and len(keys) == len(choices)
+    if not good or len(choices) < 2 or len(set(choices)) != len(choices) or len(set(keys)) != len(keys):
+        raise BadValue(
+            f"choice {name!r}: give at least two choices, each once, and one key for each, no blank; got {choices}, {keys!r}"
+        )
     return Question(name, text, "choice", choices, tuple(keys))
 
 

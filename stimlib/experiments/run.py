@@ -17,10 +17,11 @@ from .present import present
 from .questions import Question
 from .session import Session
 from .streams import seed_of, stream
-from .trial import Answer, Observer, Record, Stimulus, Trial
+from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
 Show = Callable[[Trial, Path], dict[str, Any]]
-"""Displays a trial, with a folder for the log; what came out."""
+"""Displays a trial, with a folder for the log; what came out. Where that says ``missed``, the participant was not there for all
+of it, and it is displayed once more; both are kept."""
 
 
 class Face(Protocol):
@@ -66,9 +67,12 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
     """
     e = session.experiment
 
-    def show(trial: Trial, name: str) -> dict[str, Any]:
-        folder = next(f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists())
-        return present(e, trial, sink, folder, **options) if isinstance(sink, str) else sink(trial, folder)
+    def show(trial: Trial, name: str) -> list[dict[str, Any]]:
+        shown: list[dict[str, Any]] = []
+        while not shown or shown[-1].get("missed"):
+            folder = next(f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists())
+            shown.append(present(e, trial, sink, folder, **options) if isinstance(sink, str) else sink(trial, folder))
+        return shown
 
     if (trial := session.due()) is None:
         face.tell("All trials of this session are done.")
@@ -86,7 +90,7 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
     face.tell("That was the last one. Thank you.")
 
 
-def _familiarise(session: Session, due: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> None:
+def _familiarise(session: Session, due: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]) -> None:
     """Stimuli at will, before the first trial and where a session is resumed; nothing of it counts."""
     familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
@@ -98,20 +102,20 @@ def _familiarise(session: Session, due: Trial, face: Face, show: Callable[[Trial
         show(Trial("familiarisation", (stimulus,), due.questions), "familiarisation")
 
 
-def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], dict[str, Any]]) -> Record:
+def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]) -> Record:
     """A trial: displayed, asked about, displayed once more where that is wanted and allowed, and written."""
     name_of_log = f"trial-{session.number:04}"
-    shown = [show(trial, name_of_log)]
+    shown, replays = show(trial, name_of_log), 0
     began = time.monotonic()
     values: dict[str, Any] = {}
     for name in trial.questions:
         question = session.experiment.question(name)
-        while (value := face.ask(trial, question, session.experiment.replays - len(shown) + 1)) is None:
-            if len(shown) <= session.experiment.replays:
-                shown.append(show(trial, name_of_log))
+        while (value := face.ask(trial, question, session.experiment.replays - replays)) is None:
+            if replays < session.experiment.replays:
+                shown, replays = [*shown, *show(trial, name_of_log)], replays + 1
                 began = time.monotonic()
         values[name] = value
-    return session.put(Answer(values, round(time.monotonic() - began, 3), len(shown) - 1), shown)
+    return session.put(Answer(values, round(time.monotonic() - began, 3), replays), shown)
 
 
 class Simulated:
@@ -144,6 +148,6 @@ class Simulated:
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
         """What the observer answers to that question."""
         rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
-        value = self._observer(trial, rng).values.get(question.name)
+        value = answered(self._observer, trial, rng).values.get(question.name)
         question.check(value)  # None would ask for a replay, and again
         return value

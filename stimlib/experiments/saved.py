@@ -196,19 +196,22 @@ def status(saved: Saved) -> dict[str, Any]:
     -------
     dict
         ``participant``, ``session``, ``pilot``, ``trials``, ``training``, ``conditions`` (trials by blinded name), ``replays``,
-        ``lost`` samples, ``limited`` samples, ``last`` (date and time).
+        ``unanswered`` (logs of presentations to which no answer came, as the device failed or the session was left), ``lost``
+        samples, ``limited`` samples, ``last`` (date and time).
     """
     counts: dict[str, int] = {}
     for r in saved.records:
         name = blinded(saved.header["seed"], r.trial.condition)
         counts[name] = counts.get(name, 0) + 1
     shown_once = [d for r in saved.records for d in r.displayed]
+    logs = {p.name for p in saved.folder.glob("trial-*.stimlog")}
     return {
         **{k: saved.header[k] for k in ("participant", "session", "pilot")},
         "trials": len(saved.records),
         "training": len(saved.records) - len(saved.data),
         "conditions": dict(sorted(counts.items())),
         "replays": sum(r.answer.replays for r in saved.records),
+        "unanswered": len(logs - {d.get("log") for d in shown_once}),
         "lost": sum(d.get("lost", 0) for d in shown_once),
         "limited": sum(n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()),
         "last": saved.records[-1].ended if saved.records else "",

@@ -9,7 +9,7 @@ A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the na
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.replay`
 ``spare``
-    while the session is open: room for one answer more on a disk that gets full
+    while the session is open: room for one answer more on a disk that gets full; a trial begins where its log has room, too
 
 A trial counts when its answer is written. Whatever else a killed process leaves is dropped, and that trial comes once more.
 """
@@ -31,6 +31,7 @@ from .saved import VERSION, Saved, blinded, folder_of, read, sealed
 from .trial import Answer, Record, Trial
 
 SPARE = 65536  # bytes; the line of a trial has about 2000
+LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps, and events
 
 
 class Session:
@@ -105,6 +106,9 @@ class Session:
         self._file = self._lock = -1
 
     def _open(self) -> None:
+        self.state = self.design.init(self.seed)
+        if self.design.next(self.state) is None:
+            raise BadValue(f"the design of {self.participant}, session {self.session}, has no trial")
         if not self._resume:
             if self._there():  # only who has the lock knows
                 raise BadValue(
@@ -114,7 +118,6 @@ class Session:
             regular.publish(self.folder / "session.json", text)
         saved = read(self.folder, pilot=self.pilot)
         self._same(saved)
-        self.state = self.design.init(self.seed)
         for record in saved.records:
             self._replay(record)
         path = self.folder / "trials.jsonl"
@@ -172,12 +175,12 @@ class Session:
         BadValue, UnknownName
             A trial that the experiment does not allow, such as beyond its bounds.
         SinkError
-            The disk has no room for its answer.
+            The disk has no room for its answer, or for the log of what is displayed.
         """
         trial = self.design.next(self.state)
         if trial is not None:
             self.experiment.check(trial)
-            self._make_room()
+            self._make_room(trial)
         return trial
 
     def rest(self, trial: Trial) -> float:
@@ -218,16 +221,25 @@ class Session:
         return blinded(self.seed, trial.condition)
 
     # The disk -----------------------------------------------------------------------------------------------------------
-    def _make_room(self) -> None:
+    def _make_room(self, trial: Trial) -> None:
+        """A spare file for the answer, and free space for the log."""
         spare = self.folder / "spare"
+        then = "so no stimulus is displayed: free some space, and resume the session"
         if not spare.is_file():
             try:
                 regular.publish(spare, os.urandom(SPARE))  # of zeros a file system may keep nothing
             except SinkError as e:
-                raise SinkError(
-                    f"{e}: there is no room for an answer, so no stimulus is displayed. All answers so far are kept: free some "
-                    "space and resume"
-                ) from e
+                raise SinkError(f"{e}: there is no room for an answer, {then}") from e
+        disk = os.statvfs(self.folder)
+        free, needed = disk.f_bavail * disk.f_frsize, self._log_bytes(trial)
+        if free < needed:
+            raise SinkError(f"{self.folder}: {free} bytes are free, the log of a trial may need {needed}, {then}")
+
+    def _log_bytes(self, trial: Trial) -> int:
+        """The most that a presentation's log takes: its motion as float64, what was delivered as float32, and the rest."""
+        e, t = self.experiment, self.experiment.timing
+        seconds = t.before + len(trial.stimuli) * (t.interval + t.gap) + 1.0  # with the fades
+        return LOG + int(e.fs * seconds) * (8 * len(e.inputs) + 4 * (len(e.outputs) + 1))
 
     def _append(self, record: Record) -> None:
         body = {"number": record.number, "pilot": self.pilot, "trial": record.trial.to_dict(), "answer": record.answer.to_dict()}

@@ -61,7 +61,7 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
     2D 3C 0B 1A
     3B 2A 1D 0C
     """
-    if isinstance(n, bool) or not isinstance(n, int) or not 3 <= n <= 32 or n == 6:
+    if not isinstance(n, int) or not 3 <= n <= 32 or n == 6:
         why = "there is none of that order" if n in (2, 6) else "the orders known here are 3 to 32"
         raise BadValue(f"graeco_latin({n!r}): {why}; take one that has a square, such as {5 if n == 6 else 4}")
     even = n & -n  # the largest power of 2 in n

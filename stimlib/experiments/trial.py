@@ -20,6 +20,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..errors import BadValue
+from .own import called
 
 State = dict[str, Any]
 """Of a design: JSON data."""
@@ -193,6 +194,20 @@ def outcome(trial: Trial, answer: Answer) -> Any:
     return trial.scores[value]
 
 
+def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answer:
+    """What an observer answers to a trial.
+
+    Raises
+    ------
+    BadValue
+        The observer raises, with its line; or it gives something else than an `Answer`.
+    """
+    answer = called("the observer", observer, trial, rng)
+    if not isinstance(answer, Answer):
+        raise BadValue(f"the observer gives {answer!r:.80} where it must give an Answer, such as Answer({{'softer': 'first'}})")
+    return answer
+
+
 def observed(design: Design, seed: int, observer: Observer, rng: np.random.Generator) -> Iterator[tuple[Trial, Answer]]:
     """A whole session of a simulated observer, without any sample being rendered.
 
@@ -209,9 +224,14 @@ def observed(design: Design, seed: int, observer: Observer, rng: np.random.Gener
     Yields
     ------
     (Trial, Answer)
+
+    Raises
+    ------
+    BadValue
+        As `answered`.
     """
     state = design.init(seed)
     while (trial := design.next(state)) is not None:
-        answer = observer(trial, rng)
+        answer = answered(observer, trial, rng)
         yield trial, answer
         state = design.update(state, answer)

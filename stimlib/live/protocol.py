@@ -69,6 +69,7 @@ that it has lost.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ OPTIONS: dict[str, fields.Test] = {
 """What a source may have besides."""
 
 
-def message(text: str | bytes) -> dict[str, Any]:
+def message(text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = FIELDS) -> dict[str, Any]:
     """What a page says, checked; its field ``do`` names a row of the table.
 
     Raises
@@ -136,8 +137,8 @@ def message(text: str | bytes) -> dict[str, Any]:
     """
     try:
         found = fields.parse(text if isinstance(text, bytes) else text.encode())
-        fields.require(found, {"do": fields.one_of(*FIELDS)})
-        known = FIELDS[found["do"]]
+        fields.require(found, {"do": fields.one_of(*table)})
+        known = table[found["do"]]
         fields.require(found, known)
         given = {name: test for name, test in OPTIONS.items() if name in found} if found["do"] == "source" else {}
         fields.require(found, given)

@@ -22,8 +22,8 @@ from typing import Any
 from ..core.packages import package
 from ..devices.process import begin
 from ..errors import BadValue, SinkError
-from .protocol import BURST, MESSAGE, PAGES, RATE, VERSION, WRONG, message
-from .stream import Page, Stream
+from .protocol import BURST, RATE, VERSION, WRONG
+from .site import Page, Site
 
 _, uvicorn, _ = (package(name, "the live page", "'stimlib[live]'") for name in ("starlette", "uvicorn", "websockets"))
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
@@ -43,21 +43,21 @@ HELLO = 2.0
 """Seconds in which a page must show its token."""
 
 
-def page_files() -> dict[str, tuple[str, bytes]]:
-    """What is served: path, media type and content of every file of ``stimlib/live/page``, read once."""
+def page_files(index: str) -> dict[str, tuple[str, bytes]]:
+    """What is served: path, media type and content of every file of ``stimlib/live/page``, read once; ``index`` is the page."""
     found = {}
     for f in Path(__file__).with_name("page").iterdir():
         if kind := TYPES.get(f.suffix[1:]):
-            found["/" if f.name == "index.html" else f"/{f.name}"] = kind, f.read_bytes()
+            found["/" if f.name == index else f"/{f.name}"] = kind, f.read_bytes()
     return found
 
 
 class Server:
-    """A stream on a port.
+    """A stream on a port, or whatever else talks with pages.
 
     Parameters
     ----------
-    stream : Stream
+    stream : Stream or other Site
     host : str
         Address to listen at.
     port : int
@@ -74,17 +74,18 @@ class Server:
     """
 
     def __init__(
-        self, stream: Stream, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
+        self, stream: Site, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
     ):
         self.stream, self.token = stream, token or secrets.token_urlsafe(24)
         self._headers = HEADERS | {"Content-Security-Policy": POLICY + framed_by}
-        self._files = page_files()
+        self._files = page_files(stream.index)
         self._socket = _listen(host, port)
         self.host, self.port = self._socket.getsockname()[:2]
         self.private = ipaddress.ip_address(self.host).is_loopback
+        # log_config=None: its own would close all handlers of the process, and with one of them (absl's) stderr
         config = uvicorn.Config(
-            self._app(), log_level="warning", ws="websockets-sansio", ws_max_size=MESSAGE, ws_max_queue=32,
-            ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
+            self._app(), log_config=None, log_level="warning", ws="websockets-sansio", ws_max_size=stream.longest,
+            ws_max_queue=32, ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
             timeout_graceful_shutdown=1, server_header=False, date_header=False, proxy_headers=False,
         )  # fmt: skip
         self._uvicorn = uvicorn.Server(config)
@@ -97,10 +98,10 @@ class Server:
         return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
 
     def __repr__(self):
-        return f"Server({self.stream.scene!r}, {self.host}:{self.port})"
+        return f"Server({self.stream.title}, {self.host}:{self.port})"
 
     def _repr_html_(self) -> str:
-        what = html.escape(self.stream.hello["title"] or repr(self.stream.scene))
+        what = html.escape(self.stream.title)
         return (
             f'<iframe src="{html.escape(self.url)}" title="{what}" allow="autoplay" '
             'style="width: 100%; height: 720px; border: 0"></iframe>'
@@ -226,7 +227,7 @@ class Server:
         """Why a page is refused."""
         try:
             first = await asyncio.wait_for(ws.receive(), HELLO)
-            hello = message(first.get("text") or first.get("bytes") or b"")
+            hello = self.stream.message(first.get("text") or first.get("bytes") or b"")
             token = str(hello.get("token", "")).encode(errors="replace")
         except (TimeoutError, BadValue):
             token = b""
@@ -234,8 +235,8 @@ class Server:
             return 4401, "the token is missing or wrong: open the address that the terminal shows"
         if hello["version"] != VERSION:
             return 4400, "this page is of another release: load it again"
-        if len(self.stream.pages) >= PAGES:
-            return 4409, f"{PAGES} pages are open already: close one"
+        if len(self.stream.pages) >= self.stream.most:
+            return 4409, f"{self.stream.most} pages are open already: close one"
         return None
 
     async def _listen(self, ws: Any, page: Page) -> None:
@@ -247,7 +248,7 @@ class Server:
             if budget < 0:
                 return page.close(4429, "too many messages")
             try:
-                said = message(got.get("text") or got.get("bytes") or b"")
+                said = self.stream.message(got.get("text") or got.get("bytes") or b"")
             except BadValue as e:
                 wrong += 1
                 if wrong > WRONG:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
-from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -21,47 +19,13 @@ from ..errors import BadValue, StimlibError, UnknownName
 from ..run.safety import Safety
 from .describe import Range, description, full_scales, ranges_of
 from .inputs import SMOOTH, Inputs
-from .protocol import HEAD, REPORTS, SILENT, VERSION, samples
+from .protocol import HEAD, MESSAGE, PAGES, REPORTS, SILENT, VERSION, message, samples
 from .sink import PageSink
+from .site import Page
 
 logger = logging.getLogger(__name__)
-WAITING = 64
-"""Messages that may wait for a page: a quarter of a second of samples; then the oldest are skipped."""
 RAMP = 0.02
 """Seconds of a slider's change."""
-
-
-class Page:
-    """What waits for one connection, and what is known of it."""
-
-    def __init__(self) -> None:
-        self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
-        self.blocks: deque[bytes] = deque(maxlen=WAITING)
-        self.wake = asyncio.Event()
-        self.skipped = 0
-        self.seen = time.monotonic()
-        self.ended = asyncio.Event()
-        self.end = 1000, ""  # the code and the reason with which it is closed
-
-    def tell(self, message: Mapping[str, Any]) -> None:
-        """A text; of states, the newest counts.  Who reads nothing is closed, so that nothing heaps up."""
-        if self.texts and message["is"] == "state" == self.texts[-1][0]:
-            self.texts.pop()
-        self.texts.append((message["is"], json.dumps(message, allow_nan=False)))
-        self.wake.set()
-        if len(self.texts) > WAITING:
-            self.close(4408, "this page reads nothing")
-
-    def close(self, code: int, why: str) -> None:
-        """End the connection."""
-        if not self.ended.is_set():
-            self.end = code, why
-            self.ended.set()
-
-    def put(self, data: bytes) -> None:
-        self.skipped += len(self.blocks) == WAITING
-        self.blocks.append(data)
-        self.wake.set()
 
 
 class Stream:
@@ -128,6 +92,8 @@ class Stream:
         full = dict(zip(scene.outputs, self.safety.scales(tuple(scene.outputs)).tolist(), strict=True))
         self.hello: dict[str, Any] = {"version": VERSION, "title": title, "fs": self.fs, "block": self.block}
         self.hello |= description(scene, self.ranges, full, self.inputs.given)
+        self.title, self.index, self.message = title or repr(scene), "index.html", message
+        self.most, self.longest = PAGES, MESSAGE
         self.pages: list[Page] = []
         self.control: Page | None = None
         self.session, self.phase, self.why = 0, "idle", ""

@@ -1,9 +1,12 @@
 """A small experiment for tests: a spring, a staircase of two tracks, and an observer."""
 
 import stimlib
+import stimlib.experiments.streams
 from stimlib.experiments.designs import Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
+from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Pair
 from stimlib.experiments.trial import Answer, Stimulus
 
@@ -41,3 +44,22 @@ def observer(trial, rng):
     """Somebody who feels k with an error of 0.5."""
     felt = [s.params.get("k", 2.0) + 0.5 * rng.normal() for s in trial.stimuli]
     return Answer({"softer": "first" if felt[0] < felt[1] else "second"})
+
+
+def nothing(trial, folder):
+    return {"lost": 0, "clips": {"clip": {"force": 2}}}
+
+
+def simulate(data, made=None, **options):
+    with Session(made or experiment(), data, "P01", **options) as session:
+        run(session, Simulated(session, observer), nothing)
+    return session
+
+
+def some(data, trials, made=None, **options):
+    """A session that was left after some trials."""
+    with Session(made or experiment(), data, "P01", **options) as session:
+        for _ in range(trials):
+            rng = stimlib.experiments.streams.stream(session.seed, "observer", session.number)
+            session.put(observer(session.due(), rng), [nothing(None, None)])
+    return session

@@ -143,7 +143,10 @@ def test_a_mixed_model_is_that_of_statsmodels_and_takes_drift_away():
     other = MixedLM(rating, np.column_stack([np.ones(96), level, trial]), person).fit()
     assert [c.value for c in found.coefficients] == pytest.approx(list(other.fe_params), rel=1e-8)
     assert [c.error for c in found.coefficients] == pytest.approx(list(other.bse_fe), rel=1e-8)
-    assert found.group_variance == pytest.approx(float(other.cov_re[0, 0]), rel=1e-8) and found.converged
+    assert [c.z for c in found.coefficients] == pytest.approx(list(other.tvalues[:3]), rel=1e-6)
+    assert [c.p for c in found.coefficients] == pytest.approx(list(other.pvalues[:3]), rel=1e-5)
+    of_all = found.group_variance, found.residual_variance, found.loglik
+    assert of_all == pytest.approx((float(other.cov_re[0, 0]), other.scale, other.llf), rel=1e-8) and found.converged
     assert found.coefficients[2].low < 0.5 < found.coefficients[2].high
 
 
@@ -152,13 +155,14 @@ def test_sensitivity_to_six_digits():
     assert round(detection(50, 50, 0, 50).d, 6) == 4.123833 and detection(50, 50, 0, 50).corrected
     plain = detection(41, 50, 9, 50)
     assert round(plain.d, 6) == 1.830730 and not plain.corrected and plain.criterion == pytest.approx(0)
-    assert detection(45, 50, 20, 50).criterion < 0 < detection(30, 50, 5, 50).criterion  # rather yes, rather no
+    rather_yes, rather_no = detection(45, 50, 20, 50), detection(30, 50, 5, 50)
+    assert rather_yes.criterion == pytest.approx(-0.5141022, abs=1e-6) and rather_no.criterion > 0  # -(z(.9) + z(.4))/2
     assert detection(50, 50, 0, 50, "loglinear").hit_rate == 50.5 / 51
     assert detection(50, 50, 0, 50, "half").false_alarm_rate == 0.01 and detection(50, 50, 0, 50, "half").hit_rate == 0.99
     H, z = 10.5 / 11, 1.6906216295848984  # 10 of 10, and none, with half an answer more of each kind
     error = np.sqrt(2 * H * (1 - H) / (11 * (np.exp(-z * z / 2) / np.sqrt(2 * np.pi)) ** 2))
     assert detection(10, 10, 0, 10, "loglinear").standard_error == pytest.approx(error, rel=1e-6)
-    assert detection(50, 50, 0, 50, "none").d == np.inf
+    assert detection(50, 50, 0, 50, "none").d == np.inf == detection(50, 50, 0, 50, "none").standard_error
     assert detection(0, 40, 1, 50).hit_rate == 1 / 41
 
 
@@ -182,6 +186,9 @@ def test_proportions_of_the_nodules():
     middle, half = (p + z**2 / 2 / n) / (1 + z**2 / n), z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / 4 / n**2)
     assert (found.sensitivity.low, found.sensitivity.high) == pytest.approx((middle - half, middle + half), rel=1e-10)
     assert wilson(27, 28).low < wilson(27, 28, 0.8).low
+    less = diagnosis(239, 252, 112, 112, 0.8)
+    parts = [wilson(k, n, 0.8) for k, n in ((239, 252), (112, 112), (351, 364))]
+    assert [less.sensitivity, less.specificity, less.accuracy] == parts
 
 
 # What cannot be used ---------------------------------------------------------------------------------------------------
@@ -190,7 +197,7 @@ def test_proportions_of_the_nodules():
     [
         (lambda: kruskal({"a": [1, 2]}), "two groups"),
         (lambda: kruskal({"a": [1, 2], "b": []}), "kruskal: b"),
-        (lambda: dunn({"a": [1], "b": [np.inf]}), "b: value 0"),
+        (lambda: dunn({"a": [1], "b": [1, np.inf]}), "b: value 1"),
         (lambda: dunn({"a": [1, 1], "b": [1]}), "the same"),
         (lambda: dunn(OZONE, "one"), "one-sided"),
         (lambda: dunn(OZONE, adjustment="holm"), "bonferroni"),
@@ -200,11 +207,15 @@ def test_proportions_of_the_nodules():
         (lambda: paired([0.1, 0.2], [0.2, 0.3]), "no spread"),  # but for rounding
         (lambda: shapiro([1, 1, 1]), "no spread"),
         (lambda: repeated([1, 2]), "no axis"),
+        (lambda: shapiro([1, 2]), "at least 3 values"),
         (lambda: repeated([[1, 2]]), "at least two"),
+        (lambda: repeated([[1], [2]]), "at least two"),
         (lambda: repeated([[1, 2], [3, np.nan]]), "mixed"),
         (lambda: mixed({"participant": [1, 2], "y": [1, 2]}, "y ~ x"), "x"),
         (lambda: mixed({"y": [1, 2]}, "y ~ 1"), "participant"),
         (lambda: detection(51, 50, 1, 50), "51 of 50"),
+        (lambda: detection(-1, 50, 1, 50), "-1 of 50"),
+        (lambda: wilson(1.5, 2), "1.5 of 2"),
         (lambda: detection(1, 50, 1, 0), "1 of 0"),
         (lambda: detection(1, 2, 1, 2, "add"), "loglinear"),
         (lambda: detection(1, 2, np.nan, 2), "nan of 2"),

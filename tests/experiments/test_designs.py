@@ -82,9 +82,14 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
         ({"start": 30.0}, "start = 30.0 violates the bounds, 0.1 to 20"),
         ({"start": (5.0, 4.0)}, "violates"),
         ({"bounds": (0.0, 20.0)}, "rise from a level above 0"),
+        ({"bounds": (5.0, 5.0)}, "rise from"),
+        ({"bounds": (0.1, np.inf)}, "must be numbers"),
         ({"steps": ()}, "dB above 0"),
+        ({"steps": (0.0,)}, "dB above 0"),
         ({"reversals": 0}, "reversals = 0"),
+        ({"up": 0}, "up = 0"),
         ({"down": 0}, "down = 0"),
+        ({"most": 0}, "most = 0"),
     ],
 )
 def test_a_staircase_that_makes_no_sense(wrong, why):
@@ -158,6 +163,8 @@ def test_parts_rest_between_and_nowhere_else():
     part = Listed(((Show("a", ("rough",), Stimulus("bumps")), None),), repeats=2, training=True)
     trials = [t for t, _ in observed(Parts({"1": part, "2": part}, pause=60.0), 1, lambda t, r: Answer({"rough": 1}), None)]
     assert [t.pause for t in trials] == [0.0, 0.0, 60.0, 0.0] and [t.track for t in trials] == ["1", "1", "2", "2"]
+    nested = Parts({"a": Parts({"1": part, "2": part}, pause=60.0), "b": part}, pause=90.0)
+    assert [t.pause for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), None)] == [0.0, 0.0, 60.0, 0.0, 90.0, 0.0]
     assert all(t.training for t in trials) and trials[0].stimuli[0].seed != trials[2].stimuli[0].seed
 
 
@@ -196,6 +203,7 @@ def test_quest_finds_the_mean_and_goes_on_from_its_state():
         trials.append(trial)
         state = design.update(state, says(trial, trial.level > 2.4))
     assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} == {2.0, 2.5}
+    assert len(trials) == 10 == len({t.stimuli[0].seed for t in trials})
     again = dc.replace(design, trials=11)  # nothing of it is known yet: as a resumed session has it
     cold = {k: v if k == "seed" else v[:9] for k, v in state.items()}
     assert again.next(cold) == trials[9]
@@ -210,7 +218,7 @@ def test_graeco_latin_squares_are_orthogonal(n):
 
 
 def test_squares_that_are_none():
-    for n in (1, 2, 6, 34):
+    for n in (1, 2, 6, 33, 4.0):
         with pytest.raises(BadValue, match=f"graeco_latin.{n}.*take one that has a square"):
             graeco_latin(n)
     square = graeco_latin(4)
@@ -218,6 +226,11 @@ def test_squares_that_are_none():
     same[:, :, 1] = same[:, :, 0]
     with pytest.raises(BadValue, match="pair .0, 0. is there 4 times"):
         check_graeco_latin(same)
+    with pytest.raises(BadValue, match="column 1 has not each Greek letter once"):
+        check_graeco_latin(np.tile(np.arange(3)[:, None], (3, 1, 2)))
+    for shape in ((3, 2, 2), (2, 3, 2), (3, 3, 1)):
+        with pytest.raises(BadValue, match=f"shape .n, n, 2., got .{shape[0]}, {shape[1]}, {shape[2]}"):
+            check_graeco_latin(np.zeros(shape))
     square[0, 0, 1] = 1
     with pytest.raises(BadValue, match="row 1 has not each Latin letter once"):
         check_graeco_latin(square)
@@ -226,14 +239,16 @@ def test_squares_that_are_none():
 def test_streams_are_their_words():
     assert stream(1, "a", 1).random() != stream(1, "a", 2).random() != stream(2, "a", 2).random()
     assert stream(1, "ab", "c").random() != stream(1, "a", "bc").random()
-    assert 0 <= seed_of(1, "x") < 2**53
+    assert 0 <= seed_of(2**64 - 1, "x") < 2**53
+    assert stream(1, "a").random() == 0.24298954765102643  # a session that goes on draws what it would have drawn
+    assert seed_of(1, "x") == 2552818200496343
     for wrong in (-1, 1.0, True, 2**64):
         with pytest.raises(BadValue, match="seed"):
             stream(wrong, "a")
 
 
 def test_turns_go_by_the_number_of_the_participant():
-    assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0]
+    assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0] and turn_of("G2-P03", 4) == 2
     with pytest.raises(BadValue, match="number at the end"):
         turn_of("Anna", 3)
     assert sorted(shuffled(1, "x", "abc")) == ["a", "b", "c"]
@@ -245,7 +260,7 @@ def test_turns_go_by_the_number_of_the_participant():
         (choice("q", "?", "yes", "no", keys="yn"), "yes", ["y", 1, None]),
         (rating("q", "?", "smooth", "rough"), 7, [0, 8, 3.0, True, "3"]),
         (ranking("q", "?", "A", "B", "C"), ["C", "A", "B"], [["A", "B"], ["A", "A", "B"], "ABC"]),
-        (places("q", "?", 2), [[0.1, 0.2]], [[[0, 1], [1, 2], [2, 3]], [[1]], [["a", "b"]], [[float("nan"), 0.0]]]),
+        (places("q", "?", 2), [[0.1, 0.2], [0.3, 0.4]], [[[0, 1], [1, 2], [2, 3]], [[1]], [["a", "b"]], [[float("nan"), 0.0]]]),
     ],
 )
 def test_answers_are_held_against_their_question(question, good, bad):
@@ -256,11 +271,36 @@ def test_answers_are_held_against_their_question(question, good, bad):
 
 
 def test_questions_and_tasks_that_make_no_sense():
-    with pytest.raises(BadValue, match="one key for each"):
-        choice("q", "?", "a", "b", keys="x")
+    for words, keys in (
+        (("a", "b"), "x"),
+        (("a", "b"), "xx"),
+        (("a", "b"), "x "),
+        (("a", "b"), "x\x1b"),
+        (("a", "a"), ""),
+        (("a",), ""),
+    ):
+        with pytest.raises(BadValue, match="one key for each"):
+            choice("q", "?", *words, keys=keys)
+    for names in (("a",), ("a", "a"), ("a", "two words")):
+        with pytest.raises(BadValue, match="two names of one word, each once"):
+            ranking("q", "?", *names)
+    for make, most in ((lambda n: rating("q", "?", "low", "high", n), 1), (lambda n: places("q", "?", n), 0)):
+        with pytest.raises(BadValue, match=f"most = {most} must be"):
+            make(most)
+    for wrong in ({"deviations": (0.0,)}, {"lapses": (0.5,)}, {"trials": 0}):
+        with pytest.raises(BadValue, match="Quest: "):
+            Quest(**({"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong))
     with pytest.raises(BadValue, match="two stimuli"):
         Identify("c", "q", {"one": Stimulus("s")})
     with pytest.raises(UnknownName, match="no stimulus 'blue'"):
         Identify("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial("blue", 1, 0)
     with pytest.raises(BadValue, match="twice"):
         Listed(((PAIR, 1.0), (PAIR, 1.0)))
+    with pytest.raises(BadValue, match="repeats of at least 1"):
+        Listed(((PAIR, 1.0),), repeats=0)
+
+
+@pytest.mark.parametrize(("made", "what"), [(Parts, "part"), (Interleaved, "track")])
+def test_designs_of_nothing(made, what):
+    with pytest.raises(BadValue, match=f"{made.__name__}: give at least one design, by the name of its {what}"):
+        made({})

@@ -2,9 +2,13 @@
 
 import csv
 import json
+import os
 import re
+import select
 import shlex
-from io import BytesIO, TextIOWrapper
+import signal
+import termios
+from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +17,7 @@ from typer.testing import CliRunner
 
 from stimlib.cli import app, terminal
 from stimlib.cli.terminal import Terminal
-from stimlib.errors import SinkError
+from stimlib.errors import FaultError, SinkError
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.saved import read
 
@@ -46,10 +50,15 @@ def stimlib(*words, typed="", status=0):
 
 
 def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
-    who = [f"{file}:short", "--participant", "P07", "--data", tmp_path / "data", "--sink", "offline"]
+    who = [f"{file}:short", "--participant", "P07", "--session", "1", "--data", tmp_path / "data", "--sink", "offline"]
     said = stimlib("run", *who, typed="1\n0\n" + "\n1\n" + "\n7\nr\n2\n" + "\n", status=2)  # one familiar, two answers
-    assert "red; 0 = begin" in said and "'7' is no answer; answer one of first, second" in said and "once more (1 left)" in said
-    assert "the input has ended before the session: all answers so far are kept, resume it" in said
+    assert (
+        "Get to know the stimuli: 1 = red, 0 = begin\n" in said
+        and "'7' is no answer; answer one of first, second" in said
+        and "once more (1 left)" in said
+    )
+    again = shlex.join(["stimlib", "experiment", "resume", *map(str, who)])
+    assert f"the input has ended before the session; 2 answers are kept; go on with {again}\n" in said
     saved = read(tmp_path / "data/pair/P07-s1")
     assert [r.answer.values["softer"] for r in saved.records] == ["first", "second"]
     assert [r.answer.replays for r in saved.records] == [0, 1] and [len(r.displayed) for r in saved.records] == [1, 2]
@@ -97,6 +106,19 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [("P1", True, 4), ("P2", True, 4)]
 
 
+def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
+    text = file.read_text()
+    file.write_text(text + "\ndef wrong(*words):\n    return {}['it']\nodd = experiment(design=design, observer=wrong)\n")
+    where = f"{file}, line {text.count(chr(10)) + 3}"
+    data = ["--data", tmp_path / "sim", "--participants", 1]
+    assert f"the observer ({where}): KeyError: 'it'" in stimlib("simulate", f"{file}:odd", *data, status=2)
+    file.write_text(file.read_text().replace("observer=wrong", "observer=observer, analysis=wrong", 1))
+    stimlib("simulate", f"{file}:odd", "--data", tmp_path / "b", "--participants", 1)
+    assert f"the analysis ({where}): KeyError: 'it'" in stimlib(
+        "analyse", f"{file}:odd", "--data", tmp_path / "b", "--pilot", status=2
+    )
+
+
 @pytest.mark.parametrize(
     "words, says",
     [
@@ -133,15 +155,9 @@ def test_every_kind_of_question_has_its_keys(monkeypatch, capsys, question, type
     assert capsys.readouterr().out.count("is no answer") == typed.count("\n") - 1
 
 
-def test_the_end_of_input_in_a_terminal(monkeypatch):
-    monkeypatch.setattr(terminal.sys, "stdin", SimpleNamespace(isatty=lambda: True))
-
-    def ended():
-        raise EOFError
-
-    monkeypatch.setattr(terminal.typer, "getchar", ended)
-    with pytest.raises(SinkError, match="the input has ended.*resume it"):
-        Terminal().ready("trial 2")
+def test_a_stimulus_is_picked_by_its_number(monkeypatch, capsys):
+    monkeypatch.setattr(terminal.sys, "stdin", StringIO("7\n2\n\n"))
+    assert Terminal().pick(["red", "green"]) == "green" and Terminal().pick(["red"]) is None
 
 
 def test_a_line_that_is_no_text_is_no_answer(monkeypatch, capsys):
@@ -152,12 +168,117 @@ def test_a_line_that_is_no_text_is_no_answer(monkeypatch, capsys):
     assert "is no answer" in capsys.readouterr().out
 
 
-def test_a_key_is_enough_in_a_terminal_and_a_rest_lasts(monkeypatch, capsys):
-    keys = iter("r1")
-    monkeypatch.setattr(terminal.sys, "stdin", SimpleNamespace(isatty=lambda: True))
-    monkeypatch.setattr(terminal.typer, "getchar", lambda: next(keys))
-    question = choice("softer", "?", "first", "second")
-    assert Terminal().ask(None, question, 1) is None and Terminal().ask(None, question, 0) == "first"
+class Pty:
+    """A terminal whose keys are hit by ``hit``, and what it has shown so far, echo included."""
+
+    def __init__(self):
+        self.hands, self.fd = os.openpty()
+        self.before = termios.tcgetattr(self.fd)
+        self.shown = ""
+
+    def hit(self, keys):
+        """Until they have come."""
+        os.write(self.hands, keys)
+        assert select.select([self.fd], [], [], 5)[0]
+
+    def screen(self):
+        """All that has been shown; the mark comes after it."""
+        os.write(self.fd, b"|")
+        while not self.shown.endswith("|"):
+            self.shown += os.read(self.hands, 4096).decode()
+        self.shown = self.shown[:-1]
+        return self.shown
+
+    def at(self, text, keys):
+        """Hits keys when a text has been shown: after what was hit before is dropped."""
+
+        def print_(words, **options):
+            os.write(self.fd, words.encode() + b"\n")
+            if text in words:
+                os.write(self.hands, keys)
+
+        return print_
+
+
+@pytest.fixture
+def pty(monkeypatch):
+    made = Pty()
+    with open(made.fd) as stdin:
+        monkeypatch.setattr(terminal.sys, "stdin", stdin)
+        yield made
+    os.close(made.hands)
+
+
+def test_keys_of_a_terminal_are_taken_and_shown_only_where_they_are_asked_for(pty, monkeypatch):
+    question, order = choice("softer", "?", "first", "second"), ranking("size", "Order", "A", "B")
+    with terminal.terminal() as face:
+        pty.hit(b"2")  # while a stimulus plays
+        for keys, answer in ((b"r", None), (b"1", "first")):
+            monkeypatch.setattr(terminal, "print", pty.at("?", keys), raising=False)
+            assert face.ask(None, question, 1) == answer
+        pty.hit(b"A B\n")  # all of it for nothing
+        assert pty.screen() == 2 * "? 1 = first, 2 = second, r = once more (1 left)\r\n"
+        monkeypatch.setattr(terminal, "print", pty.at("Order", b"B A\n"), raising=False)
+        assert face.ask(None, order, 0) == ["B", "A"]
+        assert pty.screen().endswith("B A\r\n"), "a line is seen while it is typed"
+        pty.hit(b"1")
+        assert pty.screen().endswith("B A\r\n")
+        monkeypatch.setattr(terminal, "print", pty.at("r", b"\x04"), raising=False)
+        for ask in (lambda: face.ready("trial 2"), lambda: face.ask(None, order, 0)):
+            with pytest.raises(SinkError, match="the input has ended before the session"):
+                ask()
+        pty.hit(b"rm -r data\n")
+    assert termios.tcgetattr(pty.fd) == pty.before and not select.select([pty.fd], [], [], 0)[0], "nothing for the shell"
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, SystemExit, SinkError("gone")])
+def test_the_terminal_is_as_it_was_whatever_ends_a_session(pty, end):
+    usual = signal.getsignal(signal.SIGTSTP)
+    with pytest.raises((KeyboardInterrupt, SystemExit, SinkError)), terminal.terminal():
+        attributes = termios.tcgetattr(pty.fd)
+        assert not attributes[3] & (termios.ECHO | termios.ICANON) and attributes[3] & termios.ISIG
+        assert attributes[6][termios.VQUIT] == b"\0" != pty.before[6][termios.VQUIT], "no key ends it without this"
+        raise end
+    assert termios.tcgetattr(pty.fd) == pty.before and signal.getsignal(signal.SIGTSTP) is usual
+
+
+def test_a_session_that_is_suspended_gives_the_shell_its_terminal(pty, monkeypatch):
+    stopped = []
+    monkeypatch.setattr(terminal.signal, "raise_signal", lambda s: stopped.append((s, *look())))
+
+    def look():
+        return termios.tcgetattr(pty.fd), signal.getsignal(signal.SIGTSTP)
+
+    with terminal.terminal():
+        inside = look()
+        os.kill(os.getpid(), signal.SIGTSTP)
+        assert look() == inside and stopped == [(signal.SIGTSTP, pty.before, signal.SIG_DFL)]
+
+
+def test_sigterm_ends_a_session_as_ctrl_c_does(file, tmp_path, monkeypatch):
+    def terminated(self, text):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(Terminal, "tell", terminated)
+    monkeypatch.setattr(Terminal, "pick", terminated)
+    stimlib("run", f"{file}:short", "--participant", "P1", "--data", tmp_path, "--sink", "offline", status=143)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("error", [SinkError, FaultError])
+def test_a_device_that_fails_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch, error):
+    def failed(*_, **__):
+        raise error("the device has gone")
+
+    monkeypatch.setattr("stimlib.experiments.run.present", failed)
+    who = [f"{file}:short", "--participant", "P1", "--session", "1", "--data", str(tmp_path), "--sink", "offline"]
+    again = shlex.join(["stimlib", "experiment", "resume", *who])
+    assert f"error: the device has gone; 0 answers are kept; go on with {again}\n" in stimlib(
+        "run", *who, typed="0\n\n", status=2
+    )
+
+
+def test_a_rest_lasts(monkeypatch, capsys):
     clock = [0.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(terminal.time, "sleep", lambda s: clock.__setitem__(0, clock[0] + s))

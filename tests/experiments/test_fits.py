@@ -1,5 +1,6 @@
 """Psychometric fits: against other programs, against the truth of simulated people, and of data that determine nothing."""
 
+import dataclasses as dc
 import os
 
 import numpy as np
@@ -60,8 +61,16 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much():
 
 
 def test_ends_are_found_where_a_function_is_bent_and_infinite_where_there_is_none():
-    assert ends(lambda x: x**8 - 0.5, np.zeros(1), 1.0) == pytest.approx(0.5 ** (1 / 8), abs=1e-6)
-    assert list(ends(lambda x: 0 * x - 1, np.zeros(2), np.array([1.0, -1.0]))) == [np.inf, -np.inf]
+    assert ends(lambda x, rows: x**8 - 0.5, np.zeros(1), 1.0) == pytest.approx(0.5 ** (1 / 8), abs=1e-6)
+    assert list(ends(lambda x, rows: 0 * x - 1, np.zeros(2), np.array([1.0, -1.0]))) == [np.inf, -np.inf]
+    asked = []
+
+    def line(x, rows):  # the second is nowhere above 0
+        asked.extend(rows.tolist())
+        return np.where(rows == 0, x - 0.5, -1.0)
+
+    assert ends(line, np.zeros(2), 1.0).tolist() == [0.5, np.inf]
+    assert (asked.count(0), asked.count(1)) == (3, 2 + 14), "only what is still looked for is computed"
 
 
 def test_a_rate_of_lapses_is_the_best_there_is():
@@ -79,6 +88,8 @@ def test_a_rate_of_lapses_is_the_best_there_is():
     )
     assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=5e-3)
     assert fit.loglik >= -other.fun - 1e-4 and fit.guess == fit.lapse
+    ends = [psychometric(LEVELS, yes, ASKED, lapse=None, interval="none").lapse for yes in (YES, [5, 6, 9, 14, 15, 15])]
+    assert ends == [0.0, pytest.approx(0.1)]  # neither below 0 nor beyond a tenth
 
 
 def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
@@ -95,6 +106,7 @@ def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
     fits = psychometrics(data)
     assert {key: repr(fit) for key, fit in fits.items()} == {key: repr(psychometric(*each)) for key, each in data.items()}
     assert [fit.problems for fit in fits.values()] == [(), (), ("separated",), ("lapses",), ("few",)]
+    assert [(fit.trials, fit.levels) for fit in fits.values()] == [(120, 6), (180, 9), (120, 6), (120, 6), (2, 1)]
     assert psychometrics({}) == {}
     with pytest.raises(BadValue, match=r"of \('P01', 'a'\): yes\[1\] = 2"):
         psychometrics({"good": data["six"], ("P01", "a"): ([1, 2], [0, 2])})
@@ -108,6 +120,7 @@ def test_differences_and_scales():
     assert fit.jnd_interval == pytest.approx([fit.jnd * s / fit.sigma for s in fit.sigma_interval])
     logs = psychometric(LEVELS, YES, ASKED, log=True)
     assert logs(logs.pse * (1 + logs.jnd)) == pytest.approx(0.75, abs=1e-12)
+    assert dc.replace(logs, sigma_interval=(0.1, 600.0)).jnd_interval[1] == np.inf  # 10 to the power of 405
     more = psychometric(1000 * LEVELS, YES, ASKED, log=True)  # other units
     assert more.pse == pytest.approx(1000 * logs.pse) and more.jnd == pytest.approx(logs.jnd)
     assert more.pse_interval == pytest.approx([1000 * v for v in logs.pse_interval], rel=1e-7)
@@ -171,6 +184,7 @@ def test_bootstrap_and_profile_agree_where_there_are_many_answers():
     assert b.pse_interval == pytest.approx(a.pse_interval, abs=0.01)
     assert b.sigma_interval == pytest.approx(a.sigma_interval, rel=0.04)
     assert psychometric(LEVELS, *many, interval="bootstrap", seed=5) == b
+    assert (bootstrap(Sets(LEVELS, YES, ASKED), seed=1, n=20) != bootstrap(Sets(LEVELS, YES, ASKED), seed=2, n=20)).all()
 
 
 # Nothing to fit --------------------------------------------------------------------------------------------------------
@@ -209,6 +223,8 @@ def test_lapses_are_told_and_can_be_fitted():
     assert plain.problems == ("lapses",) and plain.sigma > 1
     for other in (psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in (None, 0.04)):
         assert other.problems == () and other.sigma < 0.6 and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
+    near, far = (psychometric([*levels[:5], v], [0, 3, 10, 17, 20, 19], ASKED, interval="none") for v in (3.6, 3.75))
+    assert (near.problems, far.problems) == ((), ("lapses",))  # twice the gain is 4.6 and 6.1; one in a hundred passes 5.4
 
 
 @pytest.mark.parametrize(
@@ -219,6 +235,7 @@ def test_lapses_are_told_and_can_be_fitted():
         (dict(levels=[0, 1], yes=[0, 1], log=True), r"levels\[0\] = 0.*above 0"),
         (dict(levels=[1, 2], yes=[0, 2]), r"yes\[1\] = 2"),
         (dict(levels=[1, 2], yes=[0.5, 1]), r"yes\[0\]"),
+        (dict(levels=[1, 2], yes=[0, -1]), r"yes\[1\] = -1"),
         (dict(levels=[1, 2], yes=[0, 1], trials=[0, 1.5]), r"trials\[1\]"),
         (dict(levels=[1, 2], yes=[0, 0], trials=[0, 0]), "no trials"),
         (dict(levels=["a", 2], yes=[0, 1]), "levels must be rows of numbers.*'a'"),
@@ -229,9 +246,12 @@ def test_lapses_are_told_and_can_be_fitted():
         (dict(levels=[1, 2], yes=[0, 1], seed=-1), "seed = -1"),
         (dict(levels=[1, 2], yes=[0, 1], link="cloglog"), "probit, logit"),
         (dict(levels=[1, 2], yes=[0, 1], lapse=0.5), "lapse"),
+        (dict(levels=[1, 2], yes=[0, 1], lapse=-0.1), "lapse"),
+        (dict(levels=[1, 2], yes=[0, 1], guess=-0.1), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse=None), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], interval="wald"), "bootstrap"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
+        (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
     ],
 )
 def test_what_cannot_be_used_is_said(given, said):

@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from experiments.some import experiment
+from experiments.some import TASK, experiment
 
 import stimlib
+from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import paired
+from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.detection import wilson
 from stimlib.experiments.distances import distances
 from stimlib.experiments.observers import Listener, Psychometric, power, simulate
 from stimlib.experiments.streams import stream
@@ -72,10 +75,24 @@ def test_one_interval_and_ratings():
     show = Show("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
     ratings = [listener(sigma=0.0, gain=g)(show, stream(1)).values["rough"] for g in (-1, 1, 2, 9)]
     assert ratings == [1, 2, 4, 7]  # the force has an rms of 2.12 N
-    lapses = [
-        listener(sigma=0.0, criterion=1.0, lapse=0.5)(task.trial("hard", 1, 0), stream(k)).values["which"] for k in range(20)
-    ]
-    assert {"hard", "soft"} == set(lapses)
+
+    def coin(k):
+        """The last number that an observer draws, after that of the interval and the one that decides on a lapse."""
+        rng = stream(k)
+        return (rng.normal(), *rng.random(2))[-1]
+
+    absent = listener(sigma=0.0, criterion=1.0, lapse=0.5)  # never attends
+    for k in range(20):
+        assert absent(task.trial("hard", 1, 0), stream(k)).values["which"] == ("hard" if coin(k) < 0.5 else "soft")
+        assert absent(show, stream(k)).values["rough"] == 1 + int(7 * coin(k))  # each of 1 to 7 as often
+
+
+def test_a_listener_hears_the_noise_of_its_trial():
+    scene = stimlib.Scene({"force": white_noise(3)})
+    hears = Listener({"noise": scene}, {}, 1000.0, 0.1, "rms", 0.1)
+    felt = [hears.figure_of(Stimulus("noise", seed=seed)) for seed in (5, 6, 5)]
+    y = [stimlib.render(scene, {}, 1000.0, 0.1, seed=seed)["force"] for seed in (5, 6, 5)]
+    assert felt == pytest.approx(np.sqrt(np.mean(np.square(y), axis=1)), rel=1e-12) and felt[0] != felt[1]
 
 
 # Whole experiments -----------------------------------------------------------------------------------------------------
@@ -116,6 +133,30 @@ def test_power_bias_and_length():
     assert found.failed == 0 and 16 < found.trials[0] <= found.trials[1] < 200
 
 
+def test_power_counts_all_experiments_and_everybody_is_somebody_else():
+    told, people, draws = iter([(1.0, 0.1), (math.nan, math.nan), (3.0, 0.01), (2.0, 0.5)]), [], []
+
+    def anybody(rng):
+        def one(trial, rng):
+            draws.append(rng.random())
+            return Psychometric(2.0, 1.0)(trial, rng)
+
+        people.append(rng.random())
+        return one
+
+    short = experiment(design=Listed(((TASK, 4.0),)), sessions=2)
+    found = power(short, anybody, lambda columns: next(told), 2, truth=1.5, experiments=4, alpha=0.2, progress=False)
+    assert (found.found, found.interval) == (0.5, (wilson(2, 4).low, wilson(2, 4).high))
+    assert (found.estimate, found.bias, found.spread, found.failed) == (2.0, 0.5, 1.0, 1)
+    assert (len(set(people)), len(set(draws)), found.trials) == (8, 16, (2.0, 2))
+
+
+def test_training_is_left_out():
+    practice, real = Listed(((TASK, 2.5),), training=True), Listed(((TASK, 4.0),))
+    found = simulate(experiment(design=Parts({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1)
+    assert (found["level"], found["number"]) == ([4.0], [2])
+
+
 # What they went by -----------------------------------------------------------------------------------------------------
 def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     """Answers by phase alone: its distance is that of a probit by statsmodels; work, which follows it loosely, has less."""
@@ -133,6 +174,9 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     assert found[0].value == pytest.approx(z_of[z_of > 0].mean() - z_of[z_of <= 0].mean(), rel=1e-8)
     assert found[0].slope == pytest.approx(z.params[1], rel=1e-8) and found[0].slope < 0 < found[1].slope
     assert found[0].ratio == pytest.approx(found[0].value / 1.5)
+    nearly = np.r_[np.zeros(100), 1 + 1e-6 * np.arange(100)]
+    (far,) = distances({"cue": nearly}, np.r_[np.zeros(102), 1.0, 0.0, np.ones(96)])
+    assert far.problem == "separated" and np.isnan(far.value), "all that z is known by are trials that hardly differ"
     parted = distances({"cue": said, "none": np.ones(200), "phase": phase}, said)
     assert [(v.cue, v.problem) for v in parted[1:]] == [("cue", "separated"), ("none", "few")] and np.isnan(parted[1].value)
 
@@ -142,6 +186,7 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     ("call", "said"),
     [
         (lambda t: Psychometric(1.0, 0.0)(t, None), "sigma"),
+        (lambda t: Psychometric(1.0, 1.0, lapse=0.6)(t, None), "lapse = 0.6"),
         (lambda t: Psychometric({"a": 1.0}, 1.0)(t, None), "pse of condition 'k'"),
         (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",)), None), "no level"),
         (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)), "no scores"),

@@ -1,26 +1,34 @@
 """The papers' experiments, with few trials: what is shown, how it is ordered, and the numbers of their tables."""
 
+import dataclasses
 from itertools import combinations
-from math import pi
+from math import dist, pi
 
 import numpy as np
 import pytest
 from experiments.some import experiment, still
 
-from stimlib.errors import BadValue
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments import nodule_places as place
+from stimlib.experiments import nodule_sizes as size
 from stimlib.experiments import nodules as nod
 from stimlib.experiments import roughness as rough
 from stimlib.experiments.bounciness import PAIRS, REFERENCES, SQUARE, bounciness, jnds, pair_of, phase
 from stimlib.experiments.bounciness import person as bouncy
 from stimlib.experiments.compare import paired
+from stimlib.experiments.experiment import Timing
 from stimlib.experiments.observers import Listener, Psychometric, simulate
 from stimlib.experiments.present import present
+from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.saved import sessions
 from stimlib.experiments.scaling import fechner
+from stimlib.experiments.session import Session
 from stimlib.experiments.squares import check_graeco_latin
 from stimlib.experiments.streams import stream
 from stimlib.experiments.trial import Stimulus, observed
 from stimlib.experiments.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
-from stimlib.scenes import squeeze, viscoelastic
+from stimlib.scenes import soft_surface, squeeze, viscoelastic
+from stimlib.soft import block, buried
 
 
 # UGrip -----------------------------------------------------------------------------------------------------------------
@@ -247,3 +255,88 @@ def test_nodules_gives_the_papers_rates_of_the_papers_counts():
     assert [(p.a, p.b) for p in pairs] == list(combinations(nod.MODES, 2)) and pairs[0].statistic < -1.5
     assert test.df == (2.0,) and {p.sides for p in found.tests["ACC"][1]} == {"one-sided"}
     assert "Se 94.8 % [91.4, 97.0] (94.8)" in nod.text(found)
+
+
+def test_sizes_the_mark_that_is_right_has_the_hardest_place():
+    """The level of the map under each mark; the marks stay where they are while the nodules go round."""
+    experiment = size.nodule_sizes()
+    marks = list(buried().values())
+    firsts = []
+    for k, code in enumerate(("P01", "P02", "P03")):
+        (trial,) = [t for t, _ in observed(experiment.designed(code), 1, size.person, stream(1, "observer"))]
+        S = block(k * 2 * pi / 3).levels
+        hard = {m: S[round(y / 0.002), round(x / 0.002)] for m, (x, y) in zip("123", marks, strict=True)}
+        assert trial.correct["order"] == sorted(hard, key=hard.get, reverse=True)
+        assert experiment.scenes[trial.condition].hash == soft_surface("combined", S=block(k * 2 * pi / 3)).hash
+        firsts.append(trial.correct["order"][0])
+    assert firsts == ["1", "2", "3"]
+
+
+def test_sizes_gives_the_printed_rates_and_places():
+    """20 orders, each counted by hand: the rates, their intervals and the mean places are those of the paper."""
+    orders = [order for order, n in size.ORDERS.items() for _ in range(n)]
+    names = list(size.UNDER) * 7
+    mark = [{n: m for m, n in size.UNDER[name].items()} for name in names]
+    answers = {"condition": names[:20], "order": [[m[n] for n in o] for m, o in zip(mark, orders, strict=False)]}
+    found = size.sorted_rightly(answers)
+    assert {pair: (p.k, p.n) for pair, p in found.pairs.items()} == {
+        ("A", "B"): (17, 20),
+        ("A", "C"): (18, 20),
+        ("B", "C"): (14, 20),
+    }
+    assert found.rank == pytest.approx(size.PRINTED_RANK) and (found.every.k, found.every.n) == (49, 60)
+    told = size.text(found)
+    assert "A before B  85.0 % [64.0, 94.8] of 20 (85.0)" in told and "all pairs   81.7 % [70.1, 89.4] of 60 (81.7)" in told
+    drawn = simulate(size.nodule_sizes(), size.person, 60, seed=1)
+    assert size.sorted_rightly(drawn).rank == pytest.approx(size.PRINTED_RANK, abs=0.2)
+    with pytest.raises(UnknownName, match="no column 'order'"):
+        size.sorted_rightly({"condition": []})
+
+
+def test_places_nine_people_have_nine_orders_and_no_place_twice():
+    experiment = place.nodule_places()
+    seen = {}
+    for n in range(9):
+        seen[n] = [t for t, _ in observed(experiment.designed(f"P{n + 1}"), 1, place.person, stream(1, "observer"))]
+        assert {place.SURFACES[t.condition][0] for t in seen[n]} == set(place.FEEDBACK)
+        where = [at for t in seen[n] for at in t.correct["nodules"]] + list(buried().values())
+        assert min(dist(a, b) for a, b in combinations(where, 2)) > place.NEAR, "what was learnt does not help"
+    assert len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9
+    for k in range(3):
+        assert sorted(trials[k].condition for trials in seen.values()) == sorted(place.SURFACES), "each thrice in each place"
+
+
+def test_places_gives_the_printed_rates():
+    tests = [(how, place.TURNS[k % 3]) for how in place.FEEDBACK for k in range(20)]
+    names = [f"{how}, {turn} degrees" for how, turn in tests]
+    marks = [[list(at) for at in buried(turn * pi / 180).values()] for _, turn in tests]
+    for first, misses in ((0, 5), (20, 7), (40, 3)):
+        for k in range(misses):
+            marks[first + k][k % 3][0] += 0.0101  # 10 mm are near
+    answers = {"participant": [f"P{k % 20}" for k in range(60)], "condition": names, "nodules": marks}
+    found = place.located(answers)
+    assert {how: (p.k, p.n) for how, p in found.rates.items()} == {how: (k, 60) for how, k in place.FOUND.items()}
+    assert found.nodules["single-point", "A"].k == 18 and found.nodules["single-point", "C"].k == 19
+    assert found.test.df == (2.0,) and found.test.value == pytest.approx(2.0978, abs=1e-4) and len(found.pairs) == 3
+    told = place.text(found)
+    assert "single-point  91.7 % [81.9, 96.4] (91.7 [82.0, 96.4])" in told and "multi-point   88.3 % [77.8, 94.2]" in told
+    alike = place.located({name: column[:1] for name, column in answers.items()})
+    assert alike.test is None and alike.rates["single-point"].k == 2
+
+
+def test_places_are_displayed_and_analysed_from_their_log(tmp_path):
+    over_all = {  # once around, over all three nodules
+        "x": lambda t: 0.06 + 0.03 * np.cos(pi * t),
+        "y": lambda t: 0.06 + 0.03 * np.sin(pi * t),
+        "press": size.held,
+    }
+    quick = dataclasses.replace(place.nodule_places(), timing=Timing(interval=2.0), motion=over_all)
+    with Session(quick, tmp_path, "P01") as session:
+        run(session, Simulated(session, quick.observer))
+    saved = sessions(quick.name, tmp_path)
+    peaks = {place.SURFACES[r.trial.condition][0]: r.displayed[0]["peak"] for r in saved[0].records}
+    shown = {how: {name for name, (peak,) in of.items() if peak > 0} for how, of in peaks.items()}
+    assert shown["single-point"] == {"x1", "y1", "depth1", "force"} and shown["vibration"] == {"x1", "y1", "force", "vibration"}
+    assert shown["multi-point"] == {f"{k}{i}" for k in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"}
+    assert all(r.displayed[0]["clips"] == {} for r in saved[0].records), "nothing is out of the device's range"
+    assert "single-point" in quick.analysis(saved)

@@ -65,9 +65,11 @@ def test_jnds_of_simulated_people_follow_their_line():
     ("call", "said"),
     [
         (lambda: line([1, 2], [1, 2]), "three points"),
+        (lambda: line([1, 2, 3], [1, 2]), "of one length"),
         (lambda: line([1, 2, 3], [1, np.nan, 2]), "number 1 of the second"),
         (lambda: line([1, 1, 1], [1, 2, 3]), "two places"),
         (lambda: fechner([1, 0, 2], [1, 2, 3]), r"intensity\[1\] = 0"),
+        (lambda: stevens([1, 0, 3], [1, 2, 3]), r"intensity\[1\] = 0"),
         (lambda: stevens([1, 2, 3], [1, 2, 0]), r"rating\[2\] = 0"),
         (lambda: jnd_from_dprime([1, 2], [0.1, 0.2, 0.3]), "increments must be"),
         (lambda: fechner([1, 2, 3], [2, 2, 2]), "all ratings are 2"),
@@ -82,4 +84,4 @@ def test_what_cannot_be_used_is_said(call, said):
 
 
 def test_no_jnd_where_nobody_tells_them_apart():
-    assert np.isnan(jnd_from_dprime([-0.1, 0.0], [0.1, 0.2]))
+    assert np.isnan([jnd_from_dprime([-0.1, last], [0.1, 0.1]) for last in (0.0, 0.1)]).all()

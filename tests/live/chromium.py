@@ -175,8 +175,11 @@ class Page:
     def key(self, key: str, seconds: float = 0.0) -> None:
         """Down, held for a while, up."""
         code, number = KEYS.get(key) or (f"Key{key.upper()}", ord(key.upper()))
-        more = {"key": key, "code": code, "windowsVirtualKeyCode": number}
-        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **({"text": key} if len(key) == 1 else {}))
+        more, text = (
+            {"key": key, "code": code, "windowsVirtualKeyCode": number},
+            "\r" if key == "Enter" else key * (len(key) == 1),
+        )
+        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **({"text": text} if text else {}))
         time.sleep(seconds)
         self.call("Input.dispatchKeyEvent", type="keyUp", **more)
 

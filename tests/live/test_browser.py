@@ -107,6 +107,14 @@ def press(page: Page, u: float, v: float, pointer: str = "mouse", force: float =
     page.mouse("Moved", *place(page, u, v), pointer, force)
 
 
+def move(page: Page, u: float, v: float) -> None:
+    """Until the finger is there: while a page still takes its shape, a place of the field moves in the window."""
+    end = time.monotonic() + 30
+    while page.mouse("Moved", *place(page, u, v)) or abs((live(page, "live.field.fingers.get(0)?.u") or 0.0) - u) > 0.01:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
 def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
     page.mouse("Released", *place(page, u, 0.5), pointer)
 
@@ -121,7 +129,7 @@ SECOND = "#sources fieldset:nth-child(2)"  # what drives x2
 
 def test_a_pointer_reaches_the_processor_and_the_curves(page):
     press(page, 0.2, 0.5)
-    page.mouse("Moved", *place(page, 0.6, 0.5))
+    move(page, 0.6, 0.5)
     until(page, "Math.abs(live.outputs.force1 - 120) < 1")
     assert live(page, "live.history.newest(0)") == pytest.approx(0.6 * WIDE, abs=5e-4)
     until(page, "live.history.last(2, 2048)?.every(v => Math.abs(v - 120) < 1)")  # the curve ends level
@@ -168,7 +176,8 @@ def test_two_fingers_a_pen_and_a_sine_drive_what_they_are_given(page):
 def test_keys_move_the_finger_start_stop_and_record(page):
     page.js("document.activeElement.blur()")
     press(page, 0.5, 0.5)
-    release(page)
+    release(page, 0.5)
+    until(page, "Math.abs(live.field.fingers.get(0).u - 0.5) < 0.05 && live.field.fingers.get(0).on === 0")
     before = live(page, "live.field.fingers.get(0).u")
     page.key("ArrowRight", 0.1)
     right = live(page, "live.field.fingers.get(0)")
@@ -232,7 +241,7 @@ def test_a_reloaded_page_begins_anew_and_a_second_one_watches(page, site):
     other = site.open()
     try:
         until(other, "live.state?.role === 'watch' && live.blocks > 5")
-        assert other.js("document.querySelector('#run').disabled && document.querySelector('#params input').disabled")
+        other.until("document.querySelector('#run').disabled && document.querySelector('#params input')?.disabled")
         third = site.open()
         third.until("document.querySelector('#state').textContent.startsWith('Refused: 2 pages')")
         third.close()

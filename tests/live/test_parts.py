@@ -15,7 +15,8 @@ from stimlib.live.describe import description, ranges_of
 from stimlib.live.inputs import Inputs
 from stimlib.live.protocol import FIELDS, message
 from stimlib.live.sink import PageSink
-from stimlib.live.stream import WAITING, Page, Stream
+from stimlib.live.site import WAITING, Page
+from stimlib.live.stream import Stream
 from stimlib.scenes import soft_surface
 
 FS = 1000.0

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from devices.servers import unjudged
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -89,21 +90,34 @@ def greeted(server):
         yield client
 
 
+def recorded(client):
+    """A session with a move and a change: its state, and the heads, motion and samples that came."""
+    client.heads.clear()
+    client.blocks.clear()
+    client.say("set", name="k", value=K)
+    client.say("record")
+    state = client.until(phase="running")
+    client.ws.send(MOVE)
+    client.hear(15)
+    client.say("set", name="k", value=1000.0)
+    client.hear(10)
+    client.say("stop")
+    client.until(phase="idle")
+    return state, np.array(client.heads), *np.concatenate(client.blocks, axis=1)
+
+
 def test_a_session_is_driven_heard_and_recorded(server):
     with greeted(server) as client:
         assert client.hello["inputs"] == [{"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}]
         assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
         assert client.hello["params"] == [{"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}]
         assert client.until(**{"is": "state"})["role"] == "control"
-        client.say("record")
-        state = client.until(phase="running")
-        client.ws.send(MOVE)
-        client.hear(15)
-        client.say("set", name="k", value=1000.0)
-        client.hear(10)
-        client.say("stop")
-        client.until(phase="idle")
-    heads, x, y = np.array(client.heads), *np.concatenate(client.blocks, axis=1)
+        for _ in range(5):
+            state, heads, x, y = recorded(client)
+            if not any(e.kind == "lost" for e in read_log(state["log"]).events):
+                break
+        else:
+            unjudged("samples were lost in each of 5 sessions")
     k = np.searchsorted(np.cumsum(heads[:, 5]), 0.2 * FS) + 3  # the hand is followed, and the fade-in over
     assert heads[0, 0] == 0 and set(heads[:, 4]) == {state["session"]}
     assert np.array_equal(np.diff(heads[:, 0]), heads[:-1, 5])  # no sample is missing
@@ -123,11 +137,13 @@ def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
     assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)  # accepted connections have it from there
 
 
-def test_a_server_is_started_once(server):
+def test_a_server_is_started_once(server, monkeypatch):
     """In a notebook ``with scene.live() as page`` starts one that runs: two loops over one stream ended the process."""
     assert server.start() is server
     with pytest.raises(SinkError, match="runs already, or has ended: make another"):
         server.run()
+    handler = logging.Handler()  # of somebody else in this process; absl's closes stderr with itself
+    monkeypatch.setattr(handler, "close", lambda: pytest.fail("a server has closed a handler that is not its own"))
     never = Server(server.stream, token="")
     assert len(never.token) > 30  # of an empty token, anything would be right
     never.close()

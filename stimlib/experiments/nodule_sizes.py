@@ -1,0 +1,173 @@
+"""Which of three nodules is the hardest?  The size discrimination of Li et al. (2016), with a pen.
+
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from math import pi
+
+import numpy as np
+
+from ..errors import UnknownName
+from ..run.safety import Safety
+from ..scenes import soft_surface
+from ..soft import block
+from .designs import Listed, turn_of
+from .detection import Proportion, wilson
+from .experiment import Experiment, Timing
+from .nodules import HAND
+from .questions import ranking
+from .saved import columns
+from .tables import Columns
+from .tasks import Show
+from .trial import Answer, Stimulus, Trial
+
+NODULES = ("A", "B", "C")
+"""From the hardest on."""
+MARKS = ("1", "2", "3")
+"""Blue dots on the surface, over the nodules: 1 straight ahead, then against the clock."""
+UNDER = {f"A under {MARKS[k]}": dict(zip(MARKS, NODULES[-k:] + NODULES[:-k], strict=True)) for k in range(3)}
+"""The nodule under each mark, by condition: the block is turned by so many thirds."""
+PRINTED = {("A", "B"): 85.0, ("A", "C"): 90.0, ("B", "C"): 70.0}
+"""Of 20 people, in per cent: who put the first before the second."""
+PRINTED_RANK = {"A": 1.25, "B": 2.15, "C": 2.6}
+ORDERS = {"ABC": 11, "ACB": 5, "BAC": 2, "BCA": 1, "CAB": 1}
+"""Orders of 20 people that give the printed rates; six sets of orders do."""
+
+
+def held(t):
+    """A force level of half of all that a pen can tell, 0.83 N; ours."""
+    return 0.5 + 0.0 * t
+
+
+PEN = HAND | {"press": held}  # of a simulated pen; ours
+
+
+def nodule_sizes() -> Experiment:
+    """The experiment: three marked places, the hardest first; one trial of each participant.
+
+    Returns
+    -------
+    Experiment
+        Its ``observer`` draws an order as often as the paper's participants may have given it, see `person`; its ``analysis`` is
+        `sorted_rightly`.
+
+    References
+    ----------
+    Li et al. (2016), "Single-point interaction study", second part.  Ours: what is measured in the paper (the map,
+    `stimlib.soft.block`), which mark has which nodule, and 60 s, where the paper lets people look as long as they like.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.nodule_sizes import nodule_sizes
+    >>> experiment = nodule_sizes()
+    >>> for code in ("P01", "P02"):
+    ...     design = experiment.designed(code)
+    ...     print(design.next(design.init(seed=1)).correct)
+    {'order': ['1', '2', '3']}
+    {'order': ['2', '3', '1']}
+    """
+    return Experiment(
+        name="nodule_sizes",
+        version="1",
+        scenes={name: soft_surface("combined", S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)},
+        design=surface_of,
+        questions=(ranking("order", "Which place is the hardest? The hardest first", *MARKS),),
+        fs=1000.0,
+        safety=Safety(full_scale={"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0}),
+        motion=PEN,
+        timing=Timing(interval=60.0),
+        instructions="Three places are marked, 1 straight ahead, then against the clock. Press on them, then sort them.",
+        observer=person,
+        analysis=lambda sessions: text(sorted_rightly(columns(sessions))),
+    )
+
+
+def surface_of(participant: str, session: int) -> Listed:
+    """One surface; which mark has the largest nodule depends on the participant's number."""
+    name = tuple(UNDER)[turn_of(participant, 3)]
+    mark_of = {nodule: mark for mark, nodule in UNDER[name].items()}
+    return Listed(((Show(name, ("order",), Stimulus(name), {"order": [mark_of[n] for n in NODULES]}), None),))
+
+
+# Who answers -----------------------------------------------------------------------------------------------------------
+def person(trial: Trial, rng: np.random.Generator) -> Answer:
+    """Somebody who sorts as the paper's participants may have done, see `ORDERS`; looks at no rendering."""
+    order = rng.choice(list(ORDERS), p=np.array(list(ORDERS.values())) / sum(ORDERS.values()))
+    mark_of = {nodule: mark for mark, nodule in UNDER[trial.condition].items()}
+    return Answer({"order": [mark_of[n] for n in order]})
+
+
+# What they answered ----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Sorted:
+    """The result of the paper, "Nodule size discrimination".
+
+    Attributes
+    ----------
+    pairs : dict of (str, str) to Proportion
+        Who put the harder one of a pair first, with Wilson's interval.
+    every : Proportion
+        Of all pairs together; three pairs of one order are not independent, so its interval is too narrow.
+    rank : dict of str to float
+        Mean place of each nodule, 1 for the first.
+    """
+
+    pairs: Mapping[tuple[str, str], Proportion]
+    every: Proportion
+    rank: Mapping[str, float]
+
+
+def sorted_rightly(answers: Columns) -> Sorted:
+    """How often each pair of nodules was put in the right order, and the mean place of each.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        With ``condition`` and ``order``, as `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate` give
+        them.
+
+    Returns
+    -------
+    Sorted
+
+    Raises
+    ------
+    UnknownName
+        A column is missing.
+    BadValue
+        No answers.
+
+    References
+    ----------
+    Li et al. (2016), "Nodule size discrimination": a point for each pair.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.nodule_sizes import sorted_rightly
+    >>> found = sorted_rightly({"condition": ["A under 1", "A under 2"], "order": [["1", "2", "3"], ["2", "1", "3"]]})
+    >>> found.every.k, found.every.n, found.rank
+    (5, 6, {'A': 1.0, 'B': 2.5, 'C': 2.5})
+    """
+    if missing := [name for name in ("condition", "order") if name not in answers]:
+        raise UnknownName(f"nodule_sizes: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}")
+    asked = zip(answers["condition"], answers["order"], strict=True)
+    orders = [[UNDER[name][mark] for mark in order] for name, order in asked]
+    right = {(a, b): sum(o.index(a) < o.index(b) for o in orders) for a, b in combinations(NODULES, 2)}
+    pairs = {pair: wilson(k, len(orders)) for pair, k in right.items()}
+    rank = {n: sum(o.index(n) + 1 for o in orders) / len(orders) for n in NODULES}
+    return Sorted(pairs, wilson(sum(right.values()), 3 * len(orders)), rank)
+
+
+def text(found: Sorted) -> str:
+    """Rates and places as lines for a terminal, beside what the paper prints."""
+    named = [(f"{a} before {b}", p, PRINTED[a, b]) for (a, b), p in found.pairs.items()] + [("all pairs", found.every, 81.7)]
+    lines = [
+        f"{name:<10}  {100 * p.value:.1f} % [{100 * p.low:.1f}, {100 * p.high:.1f}] of {p.n} ({printed})"
+        for name, p, printed in named
+    ]
+    return "\n".join([*lines, "mean place  " + ", ".join(f"{n} {v:.2f} ({PRINTED_RANK[n]})" for n, v in found.rank.items())])

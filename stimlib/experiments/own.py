@@ -1,0 +1,43 @@
+"""Code of whoever wrote the experiment, called so that its errors are known for what they are."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import BadValue, StimlibError
+
+
+def called(what: str, function: Callable[..., Any], *words: Any) -> Any:
+    """What a function of the user's gives.
+
+    Parameters
+    ----------
+    what : str
+        What it is to the experiment, such as ``"the observer"``.
+    function : callable
+    *words
+        What it is called with.
+
+    Raises
+    ------
+    BadValue
+        It raises: the line in its file is named.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.own import called
+    >>> called("the observer", lambda trial: 1 / 0, None)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: the observer (<doctest ..., line 1): ZeroDivisionError: division by zero
+    """
+    try:
+        return function(*words)
+    except StimlibError:
+        raise
+    except Exception as e:
+        frames = traceback.extract_tb(e.__traceback__)[1:]
+        lines = [f.lineno for f in frames if f.filename == frames[0].filename]
+        at = f" ({frames[0].filename}, line {lines[-1]})" if lines else ""
+        raise BadValue(f"{what}{at}: {type(e).__name__}: {e}") from e

@@ -1,0 +1,105 @@
+"""What a participant answers by: a text and its keys, the same in a terminal and on a page of the browser."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..errors import BadValue
+
+if TYPE_CHECKING:
+    from .questions import Question
+    from .trial import Trial
+
+REPLAY = "r"
+MOST_KEYS = 9
+"""A rating up to here is one key."""
+
+
+@dc.dataclass(frozen=True)
+class Prompt:
+    """What is shown, and what may be hit or typed.
+
+    Parameters
+    ----------
+    text : str
+    keys : dict of str to str
+        What each key says; the key "" is any key.
+    line : bool
+        A line is typed; a key beside it is a line by itself.
+    words : tuple of str
+        What a line is made of, where it is made of words.
+    """
+
+    text: str
+    keys: Mapping[str, str]
+    line: bool = False
+    words: tuple[str, ...] = ()
+
+
+def prompted(question: Question, replays: int = 0) -> Prompt:
+    """The prompt of a question.
+
+    Parameters
+    ----------
+    question : Question
+    replays : int
+        How often the stimuli may still be asked for again.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.prompts import prompted
+    >>> from stimlib.experiments.questions import choice, ranking
+    >>> prompted(choice("softer", "Which one was softer?", "first", "second"), replays=1).keys
+    {'1': 'first', '2': 'second', 'r': 'once more (1 left)'}
+    >>> prompted(ranking("size", "The largest first", "A", "B")).text
+    'The largest first (in order, of A B)'
+    """
+    keys, how, low_high = dict(zip(question.keys, question.choices, strict=False)), "", question.choices
+    if question.kind == "rating" and question.most <= MOST_KEYS:
+        keys = {str(n): "" for n in range(1, question.most + 1)} | {"1": low_high[0], str(question.most): low_high[1]}
+    elif question.kind == "rating":
+        how = f" (1 = {low_high[0]}, {question.most} = {low_high[1]})"
+    elif question.kind == "ranking":
+        how = f" (in order, of {' '.join(question.choices)})"
+    elif question.kind == "places":
+        how = " (x y; x y)"
+    more = {REPLAY: f"once more ({replays} left)"} if replays > 0 and REPLAY not in keys else {}
+    return Prompt(question.text + how, keys | more, bool(how), question.choices if question.kind == "ranking" else ())
+
+
+class Keyed:
+    """The part of a face that is the same wherever keys are hit; see `stimlib.experiments.run.Face`."""
+
+    def read(self, prompt: Prompt) -> str:
+        """What was hit or typed; "" where only Enter was."""
+        raise NotImplementedError
+
+    def tell(self, text: str) -> None:
+        """Show a text."""
+        raise NotImplementedError
+
+    def ready(self, text: str) -> None:
+        """Goes on with any key."""
+        self.read(Prompt(text, {"": "any key begins"}))
+
+    def pick(self, names: list[str]) -> str | None:
+        """A number for each stimulus, 0 begins the experiment."""
+        keys = {str(i): name for i, name in enumerate(names, 1)}
+        while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in ("0", ""):
+            if key in keys:
+                return keys[key]
+        return None
+
+    def ask(self, trial: Trial, question: Question, replays: int) -> Any:
+        """Until it is an answer; None for a replay."""
+        prompt = prompted(question, replays)
+        while True:
+            text = self.read(prompt)
+            if text == REPLAY and REPLAY in prompt.keys and REPLAY not in question.keys:
+                return None
+            try:
+                return question.answer(text)
+            except BadValue as e:
+                self.tell(str(e))

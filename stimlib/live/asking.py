@@ -1,0 +1,268 @@
+"""The face of an experiment on a page: what a participant may see, and the answers that come back.
+
+Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``, limits and codes of closing. After it
+
+=========== ============================================= ================================================================
+page: do    fields                                        meaning
+=========== ============================================= ================================================================
+answer      number, text                                  to the state of that number: a key, or a line; taken once
+=========== ============================================= ================================================================
+
+=========== ============================================= ================================================================
+server: is  fields                                        meaning
+=========== ============================================= ================================================================
+hello       version                                       first message
+state       number, phase, trial, told, since             after hello and after every change. trial: "trial 3, for training";
+                                                          told: texts; since: seconds since it began. phase: ``wait``;
+                                                          ``ask`` with text, keys (list of [key, what it says]; the key "" is
+                                                          any), line, words, as `stimlib.experiments.prompts.Prompt`; ``rest``
+                                                          with seconds; ``feel`` with intervals (list of [begin, end] in s) and
+                                                          cursor (Hz of a reference to follow, or null); ``end``
+error       about, text                                   the answer is refused, and why
+=========== ============================================= ================================================================
+
+Nothing else is sent: no condition, level, parameter, seed, or which of the answers is right. The server closes with 4409 when
+another page was opened, and with 4410 at the end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from ..core import fields
+from ..devices.sink import Sink
+from ..errors import SinkError
+from ..experiments.experiment import Experiment
+from ..experiments.present import present, spans
+from ..experiments.prompts import Keyed, Prompt
+from ..experiments.trial import Trial
+from . import protocol
+from .site import Page
+
+LONGEST = 4000
+"""Characters of an answer, as of a ranking of many words; `ask.html` says the same."""
+FIELDS = {
+    "hello": protocol.FIELDS["hello"],
+    "answer": {
+        "number": fields.whole(2**53),
+        "text": fields.Test(f"a text of at most {LONGEST} characters", lambda v: isinstance(v, str) and len(v) <= LONGEST),
+    },
+}
+GOODBYE = 2.0
+"""Seconds in which a page must have taken its last words."""
+
+
+class Asking(Keyed):
+    """A session's face for `stimlib.experiments.run.run`, and the site of a `stimlib.live.server.Server`.
+
+    The session runs in a thread that waits here for answers; pages are of the server's event loop. The newest page counts: one
+    that is opened later, as after a lost connection, closes the one before. Texts go as they are: a page shows them as text.
+
+    Parameters
+    ----------
+    note : callable
+        ``note(text)`` tells the experimenter how far the session is; called from both threads.
+
+    Examples
+    --------
+    See ``docs/howto/experiments.rst``.
+    """
+
+    title, index = "experiment", "ask.html"
+    most, longest = 8, 4 * LONGEST + 1024  # pages that were lost may still seem open; four bytes a character
+
+    def __init__(self, note: Callable[[str], None]):
+        self.pages: list[Page] = []
+        self._note = note
+        self._changed = threading.Condition()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._over = False
+        self._number, self._since = 0, time.monotonic()
+        self._known = 0  # number that the page was told last
+        self._state: dict[str, Any] = {"phase": "wait"}
+        self._trial = ""
+        self._told: list[str] = []
+        self._said: str | None = None
+        self._sink: Sink | None = None  # while a stimulus is there
+        self._missed = False
+
+    # The face: the session's thread --------------------------------------------------------------------------------------
+    def tell(self, text: str) -> None:
+        """Shown until the next answer."""
+        self._told = [*self._told, text]
+
+    def rest(self, seconds: float) -> None:
+        """Whatever the page does meanwhile."""
+        self._note(f"rest of {round(seconds)} s")
+        self._become("rest", seconds=seconds)
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            time.sleep(left)
+
+    def ready(self, text: str) -> None:
+        """Goes on with any key; the experimenter sees which trial it is."""
+        self._trial = text
+        self._note(text)
+        super().ready(text)
+
+    def read(self, prompt: Prompt) -> str:
+        """The first answer to this prompt.
+
+        Raises
+        ------
+        SinkError
+            The server has ended.
+        """
+        keys = [[key, says] for key, says in prompt.keys.items()]
+        self._become("ask", text=prompt.text, keys=keys, line=prompt.line, words=prompt.words)
+        with self._changed:
+            while self._said is None:
+                if self._over:
+                    raise SinkError("the server of the page has ended before the session")
+                self._changed.wait(0.5)
+            said = self._said
+        self._told = []
+        self._become("wait")
+        return said.strip()
+
+    def display(self, experiment: Experiment, sink: str, **options: Any) -> Callable[[Trial, Path], dict[str, Any]]:
+        """What ``run`` takes as a sink: the page shows when there is something to feel, and a stimulus without a page fades out.
+
+        Parameters
+        ----------
+        experiment : Experiment
+        sink, **options
+            As `stimlib.experiments.present.present` has them.
+        """
+
+        def show(trial: Trial, folder: Path) -> dict[str, Any]:
+            times = [[a / experiment.fs, b / experiment.fs] for a, b in spans(experiment, trial)]
+            cursor = experiment.cursor and experiment.cursor.frequency
+            self._missed = False
+
+            def began(playing: Sink) -> None:
+                self._become("feel", intervals=times, cursor=cursor)
+                with self._changed:
+                    self._sink = playing
+                    self._missed = not self.pages
+                if self._missed:
+                    playing.stop()
+
+            try:
+                found = present(experiment, trial, sink, folder, began, **options)
+            finally:
+                with self._changed:
+                    self._sink = None
+            if not self._missed:
+                return found
+            self.tell("The connection was lost. What was to be felt comes once more.")
+            super(Asking, self).ready("Once more")
+            return found | {"missed": True}
+
+        return show
+
+    # The site: the server's event loop -----------------------------------------------------------------------------------
+    def message(self, text: str | bytes) -> dict[str, Any]:
+        """What a page says, checked."""
+        return protocol.message(text, FIELDS)
+
+    def join(self, page: Page) -> None:
+        """The page is told where the session is."""
+        for other in self.pages:
+            other.close(4409, "this session was opened on another page")
+        self.pages.append(page)
+        page.tell({"is": "hello", "version": protocol.VERSION})
+        self._tell(page)
+        self._note("the page is open")
+
+    def leave(self, page: Page) -> None:
+        """Without any page the session waits, and a stimulus fades out."""
+        self.pages.remove(page)
+        with self._changed:
+            sink = self._sink
+            if self.pages or self._over:
+                return
+            self._missed = self._missed or sink is not None
+        self._note("the page is gone: the session waits for it")
+        if sink is not None:
+            assert self._loop is not None
+            self._loop.run_in_executor(None, sink.stop)
+
+    def do(self, page: Page, message: dict[str, Any]) -> None:
+        """Takes an answer, once."""
+        with self._changed:
+            why = self._refusal(page, message)
+            if not why:
+                self._said = message["text"]
+                self._changed.notify_all()
+        if why:
+            page.tell({"is": "error", "about": message["do"], "text": why})
+
+    def _refusal(self, page: Page, message: dict[str, Any]) -> str:
+        """Why what a page says changes nothing."""
+        if message["do"] == "hello":
+            return "hello is said once, as the first word"
+        if page is not self.pages[-1]:
+            return "this session was opened on another page"
+        if message["number"] != self._number or self._state["phase"] != "ask" or self._said is not None:
+            return "nothing is asked now, or it was answered"
+        keys = [key for key, _ in self._state["keys"]]
+        return "" if self._state["line"] or message["text"] in keys else "there is no such key"
+
+    async def run(self) -> None:
+        """Until the server ends."""
+        self._loop = asyncio.get_running_loop()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            with self._changed:
+                self._over = True
+                self._changed.notify_all()
+
+    # What a page is told -------------------------------------------------------------------------------------------------
+    def _become(self, phase: str, **more: Any) -> None:
+        with self._changed:
+            self._number, self._since, self._said = self._number + 1, time.monotonic(), None
+            self._state = {"phase": phase} | more
+            if self._loop is not None and not self._over:
+                self._loop.call_soon_threadsafe(self._spread)
+
+    def _now(self) -> dict[str, Any]:
+        with self._changed:
+            state = {"is": "state", "number": self._number, "trial": self._trial, "told": self._told}
+            return state | {"since": time.monotonic() - self._since} | self._state
+
+    def _tell(self, page: Page) -> None:
+        now = self._now()
+        self._known = now["number"]
+        page.tell(now)
+
+    def _spread(self) -> None:
+        if self.pages and self._number > self._known:  # said again it would look as if an answer had not been taken
+            self._tell(self.pages[-1])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: Any, *_: object) -> None:
+        """The page's last words."""
+        if kind is not None:
+            self.tell("The session has stopped. All answers are kept. Please tell the experimenter.")
+        elif self._told:
+            self._note(self._told[-1])
+        self._become("end")
+        if self._loop is not None and not self._over:
+            asyncio.run_coroutine_threadsafe(self._goodbye(), self._loop).result(2 * GOODBYE)
+
+    async def _goodbye(self) -> None:
+        self._over = True
+        end = time.monotonic() + GOODBYE
+        while any(page.texts for page in self.pages) and time.monotonic() < end:
+            await asyncio.sleep(0.01)
+        for page in self.pages:
+            page.close(4410, "the session has ended")

@@ -1,0 +1,83 @@
+"""What a server serves: the site that it talks for, and a connection of one page."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+WAITING = 64
+"""Messages that may wait for a page: a quarter of a second of samples; then the oldest are skipped."""
+
+
+class Page:
+    """What waits for one connection, and what is known of it."""
+
+    def __init__(self) -> None:
+        self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
+        self.blocks: deque[bytes] = deque(maxlen=WAITING)
+        self.wake = asyncio.Event()
+        self.skipped = 0
+        self.seen = time.monotonic()
+        self.ended = asyncio.Event()
+        self.end = 1000, ""  # the code and the reason with which it is closed
+
+    def tell(self, message: Mapping[str, Any]) -> None:
+        """A text; of states, the newest counts.  Who reads nothing is closed, so that nothing heaps up."""
+        if self.texts and message["is"] == "state" == self.texts[-1][0]:
+            self.texts.pop()
+        self.texts.append((message["is"], json.dumps(message, allow_nan=False)))
+        self.wake.set()
+        if len(self.texts) > WAITING:
+            self.close(4408, "this page reads nothing")
+
+    def close(self, code: int, why: str) -> None:
+        """End the connection."""
+        if not self.ended.is_set():
+            self.end = code, why
+            self.ended.set()
+
+    def put(self, data: bytes) -> None:
+        self.skipped += len(self.blocks) == WAITING
+        self.blocks.append(data)
+        self.wake.set()
+
+
+class Site(Protocol):
+    """Who talks with pages; everything here is of the server's event loop.
+
+    Attributes
+    ----------
+    title : str
+    index : str
+        File of ``stimlib/live/page`` that is served as the page.
+    most : int
+        Pages that may be open at once.
+    longest : int
+        Bytes of a page's message, at most.
+    pages : list of Page
+    """
+
+    title: str
+    index: str
+    most: int
+    longest: int
+    pages: list[Page]
+
+    def message(self, text: str | bytes) -> dict[str, Any]:
+        """What a page says, checked; BadValue where it makes no sense."""
+
+    def join(self, page: Page) -> None:
+        """A page has said hello."""
+
+    def leave(self, page: Page) -> None:
+        """A page has gone."""
+
+    def do(self, page: Page, message: dict[str, Any]) -> None:
+        """What a page has said."""
+
+    async def run(self) -> None:
+        """From the server's begin to its end, by which it is cancelled."""

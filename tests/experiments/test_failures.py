@@ -1,0 +1,176 @@
+"""What goes wrong around a session: full disks, devices that go, hands, designs and observers that make no sense."""
+
+import errno
+import os
+import re
+import threading
+from contextlib import suppress
+
+import pytest
+from devices.servers import Jackd, needs_jack
+from experiments.some import TASK, experiment, nothing, observer, simulate, some
+
+import stimlib
+from stimlib.devices.sources import Live, Signal, Signals
+from stimlib.errors import BadValue, SinkError
+from stimlib.experiments.designs import Listed
+from stimlib.experiments.experiment import Timing
+from stimlib.experiments.observers import simulate as observe
+from stimlib.experiments.present import present
+from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.saved import read, status
+from stimlib.experiments.session import Session
+from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.files.replay import replay
+from stimlib.files.session import read_log
+
+
+# The disk -------------------------------------------------------------------------------------------------------------
+def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_path, monkeypatch):
+    full, shown = [], []
+    write, publish = os.write, stimlib.core.regular.publish
+
+    def no_room(path, *args):
+        if full:
+            raise SinkError(f"cannot write {path}: No space left on device")
+        return publish(path, *args)
+
+    def short(fd, data):  # a part is taken, unless there is the room of the spare file
+        if full and (tmp_path / "pair/P01-s1/spare").exists():
+            write(fd, data[:20])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(fd, data)
+
+    monkeypatch.setattr("stimlib.experiments.session.regular.publish", no_room)
+    monkeypatch.setattr("stimlib.experiments.session.os.write", short)
+
+    def show(trial, folder):
+        shown.append(trial)
+        if len(shown) == 3:
+            full.append(True)
+        return {}
+
+    with pytest.raises(SinkError, match="no room for an answer, so no stimulus is displayed.*resume"):
+        with Session(experiment(), tmp_path, "P01") as session:
+            run(session, Simulated(session, observer), show)
+    assert len(shown) == 3 and len(read(session.folder).records) == 3
+    full.clear()
+    with Session(experiment(), tmp_path, "P01", resume=True) as session:
+        assert session.number == 4
+
+
+def test_on_a_disk_that_gets_full_no_answer_is_lost_and_no_stimulus_begun(mounted):
+    """A file system of 1.5 MB. In the third trial others take all that is left: its answer has the spare file's place."""
+    disk = mounted("size=1536k")
+    shown = []
+
+    def show(trial, folder):
+        shown.append(trial)
+        if len(shown) == 3:
+            with open(disk / "others", "wb", buffering=0) as others, suppress(OSError):
+                while True:
+                    others.write(bytes(4096))
+            return {"long": 4000 * "x"}  # so that the line needs a page more
+        return {}
+
+    with pytest.raises(SinkError, match="no room for an answer, so no stimulus is displayed: free some space, and resume"):
+        with Session(experiment(), disk, "P01") as session:
+            run(session, Simulated(session, observer), show)
+    assert len(shown) == 3 == len(read(session.folder).records)
+    with pytest.raises(SinkError, match="no room for an answer"), Session(experiment(), disk, "P01", resume=True) as session:
+        run(session, Simulated(session, observer), show)
+    assert len(shown) == 3
+    (disk / "others").unlink()
+    with Session(experiment(), disk, "P01", resume=True) as session:
+        run(session, Simulated(session, observer), nothing)
+    assert [r.answer.values for r in session.records] == [r.answer.values for r in simulate(disk / "again").records]
+
+
+def test_a_trial_whose_log_has_no_room_is_not_begun(mounted):
+    """Logs of 16 kB each on 1.2 MB: the session stops between two trials, each of them with its whole log, and goes on."""
+    disk = mounted("size=1200k")
+    with pytest.raises(SinkError, match=r"bytes are free, the log of a trial may need \d+, so no stimulus is displayed"):
+        with Session(experiment(), disk, "P01") as session:
+            run(session, Simulated(session, observer))
+    kept = read(session.folder).records
+    logs = sorted(session.folder.glob("*.stimlog"))
+    assert 0 < len(kept) == len(logs) < 8 and all(replay(read_log(log)).matches for log in logs)
+
+
+# The device ----------------------------------------------------------------------------------------------------------
+@needs_jack
+def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tmp_path):
+    """The server is killed in the third trial: two answers are kept, and the presentation is told as one without an answer."""
+    made = experiment(fs=8000.0, timing=Timing(interval=0.15, gap=0.05, before=0.0, ramp=0.0))
+    with Jackd(8000, 64) as server:
+
+        def show(trial, folder):
+            if folder.name.startswith("trial-0003"):
+                threading.Timer(0.2, server.process.kill).start()
+            return present(made, trial, "jack", folder, server=server.name, realtime=False)
+
+        with pytest.raises(SinkError, match="the server has ended"), Session(made, tmp_path, "P01") as session:
+            run(session, Simulated(session, observer), show)
+    left = read(session.folder)
+    assert len(left.records) == 2 and status(left)["unanswered"] == 1
+    partly = read_log(session.folder / "trial-0003-1.stimlog")
+    assert 0 < partly.frames < 3120 and replay(partly).matches, "what came out is known to the sample"
+    with Session(made, tmp_path, "P01", resume=True) as again:
+        run(again, Simulated(again, observer), lambda trial, folder: {"log": folder.name})
+    assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
+    assert [(r.trial, r.answer.values) for r in again.records] == [
+        (r.trial, r.answer.values) for r in simulate(tmp_path / "whole", made).records
+    ]
+
+
+@pytest.mark.parametrize("motion", [Live(), Signals({"x": Signal(1.0), "y": Signal(1.0)})])
+def test_a_row_of_positions_means_the_same_input_in_every_trial(motion):
+    """The scenes have the same inputs, but the second alone would take y first."""
+    x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
+    made = experiment(
+        scenes={"xy": stimlib.Scene({"a": 2.0 * x - y}), "yx": stimlib.Scene({"a": y - x})}, bounds={}, motion=motion
+    )
+    assert made.inputs == ("x", "y")
+    with pytest.raises(BadValue, match="takes the inputs y, x, the experiment x, y: a row of positions would mean another"):
+        present(made, Trial("a", (Stimulus("yx"),), ("softer",)), "null")
+
+
+# Designs and observers -----------------------------------------------------------------------------------------------
+class Nothing:
+    """A design that has no trial."""
+
+    def init(self, seed):
+        return {}
+
+    def next(self, state):
+        return None
+
+    def update(self, state, answer):
+        return state
+
+
+def test_a_design_without_a_trial_is_no_session(tmp_path):
+    with pytest.raises(BadValue, match="the design of P01, session 1, has no trial"):
+        some(tmp_path, 0, experiment(design=Nothing()))
+    with pytest.raises(BadValue, match="the design of P01, session 1, has no trial"):
+        observe(experiment(design=Nothing()), observer, 1)
+    training = experiment(design=Listed(((TASK, 1.0),), training=True))
+    assert observe(training, observer, 2)["outcome"] == [] and not list(tmp_path.glob("**/session.json"))
+
+
+def wrong(trial, rng):
+    return {}["answer"]
+
+
+@pytest.mark.parametrize(
+    ("who", "why"),
+    [
+        (wrong, rf"the observer \({re.escape(__file__)}, line \d+\): KeyError: 'answer'"),
+        (lambda trial, rng: {"softer": "first"}, "the observer gives .* where it must give an Answer"),
+    ],
+)
+def test_an_error_of_an_observer_is_told_as_its_own(tmp_path, who, why):
+    with pytest.raises(BadValue, match=why):
+        observe(experiment(), who, 1)
+    with pytest.raises(BadValue, match=why), Session(experiment(), tmp_path, "P01") as session:
+        run(session, Simulated(session, who), nothing)

@@ -1,0 +1,78 @@
+"""A session whose answers come from a page: in a thread, behind a server."""
+
+import threading
+from contextlib import contextmanager
+
+from experiments.some import SPRING, experiment, still
+
+from stimlib.errors import StimlibError
+from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.experiment import Cursor
+from stimlib.experiments.questions import choice, places, ranking, rating
+from stimlib.experiments.run import run
+from stimlib.experiments.session import Session
+from stimlib.experiments.tasks import Identify, Show
+from stimlib.experiments.trial import Stimulus
+from stimlib.live.asking import Asking
+from stimlib.live.server import Server
+
+QUESTIONS = (
+    choice("softer", "Which one was that?", "red", "green"),
+    rating("rough", "How rough?", "smooth", "coarse"),
+    rating("much", "How much?", "none", "most", 100),
+    ranking("order", "The largest first", "A", "B"),
+    places("where", "Where?", 2),
+)
+WHICH = Identify("secret", "softer", {"red": Stimulus("spring", {"k": 4.321}), "green": Stimulus("spring", {"k": 2.345})})
+RATED = Show("hidden", ("rough", "much", "order", "where"), Stimulus("spring", {"k": 1.987}), {"rough": 6})
+
+
+def every(**other):
+    """Training, a rest, feedback, a replay, familiarisation, a reference, and every kind of question: four trials."""
+    learn = Listed(((WHICH, "red"),), training=True)
+    design = Parts({"learnt": learn, "rated": Listed(((RATED, None),)), "main": Listed(((WHICH, "green"), (WHICH, "red")))})
+    told = {
+        "design": design,
+        "scenes": {"spring": SPRING},
+        "questions": QUESTIONS,
+        "replays": 1,
+        "feedback": True,
+        "cursor": Cursor("x", 0.777, 7.0),
+        "familiarisation": {"soft": Stimulus("spring", {"k": 3.456})},
+        "instructions": "Squeeze.",
+        "motion": {"x": still},
+    }
+    return experiment(**(told | other))
+
+
+TYPED = ["1", "0", "", "r", "1", "", "9", "6", " 55 ", "B A", f"1.{'0' * 1500} 2; 0.5 3", "", "2", "", "1"]
+"""The answers to all of it: one to get familiar, a replay, one that is none and given again (the page has no such key).
+A place with many digits: an answer may be longer than a message of a live page."""
+
+
+class Asked:
+    """A session in a thread, and its server."""
+
+    def __init__(self, data, made, sink="offline", resume=False):
+        self.notes, self.errors = [], []
+        self.asking = Asking(self.notes.append)
+        self.server = Server(self.asking, token="T")
+        self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
+
+    def _play(self, data, made, sink, resume):
+        try:
+            with Session(made, data, "P01", resume=resume) as self.session, self.asking:
+                run(self.session, self.asking, self.asking.display(made, sink))
+        except StimlibError as e:
+            self.errors.append(e)
+
+
+@contextmanager
+def asked(data, made, sink="offline", resume=False):
+    """It ends with the session, or ends it."""
+    running = Asked(data, made, sink, resume)
+    with running.server:
+        running.thread.start()
+        yield running
+    running.thread.join(10)
+    assert not running.thread.is_alive()
