@@ -307,7 +307,7 @@ def mode_shape(x, y, c, length: float, width: float) -> Block:
     -----
     It is computed by 256 x 256 pieces with the right values, slopes and twists at their corners.  Of a wave of k rad along the
     rectangle that is within (k/256)^4/384: 3e-10 for a clamped plate's first mode.  Where the edges give, a shape bends within
-    millimetres of them: there it is 7e-9 of the largest for the glass plate of :func:`stimlib.scenes.touch_screen` (12 terms).
+    millimetres of them: there it is 7e-9 of the largest for the glass plate of the scene ``touch_screen`` (12 terms).
 
     Examples
     --------
