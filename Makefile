@@ -44,15 +44,15 @@ test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
 	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
 
-LONGER = $(shell grep -rlE 'STIMLIB_STRESS|mark\.stress|hypothesis|SLACK' tests --include='test_*.py')
+LONGER = -m 'stress or longer or hypothesis'
 
-# The tests that have more to try when there is time, at length; those that do not are in `make test`.  On devices, all rates,
-# blocks and channels, in real time and so alone.
+# The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
+# channels, in real time and so alone.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(filter tests/devices/%,$(LONGER))
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup $(filter-out tests/devices/%,$(LONGER))
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) tests/devices
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup $(LONGER) --ignore tests/devices
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.

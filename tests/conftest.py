@@ -84,7 +84,8 @@ def mounted(tmp_path):
 # tests of JACK are done by one worker.
 def pytest_configure(config):
     config.addinivalue_line("markers", "jack: needs a JACK server")
-    config.addinivalue_line("markers", "stress: more of what another test tries too; make stress")
+    config.addinivalue_line("markers", "stress: more of what another test tries too; make stress alone")
+    config.addinivalue_line("markers", "longer: tries more in make stress; tests of hypothesis do without it")
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups

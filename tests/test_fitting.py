@@ -136,6 +136,7 @@ def test_maxwell_arms_are_found_again(spring):
     assert ("k0" in fit.values) == spring
 
 
+@pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """95 %, of noise as the fit takes it to be."""
     t, y = a_test(60)

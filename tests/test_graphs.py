@@ -230,6 +230,7 @@ def check_independence(scene, fs, seed, x, sets):
 GRAPHS = 200 if "STIMLIB_STRESS" in os.environ else 40  # each is compiled anew
 
 
+@pytest.mark.longer
 def test_generated_graphs_keep_the_laws():
     seen: Counter = Counter()
     structures = set()

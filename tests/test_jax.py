@@ -95,6 +95,7 @@ STEPS = {"bump_sine", "bump_table", "equalize", "friction", "loop_nested", "lut2
 
 @pytest.mark.filterwarnings("ignore:.*longer than horizon")
 @pytest.mark.parametrize("name", mostly(ONES | STEPS, [e.name for e in contract.TABLE if smooth(e)]))
+@pytest.mark.longer
 def test_derivatives_along_the_inputs(name):
     """Backwards, which is forwards transposed, and as a difference of the processor, which agrees with JAX to 1e-12.
 

@@ -463,6 +463,7 @@ class Trespass(Block):
 """
 
 
+@pytest.mark.longer
 def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
     """The whole table, from good states and from any others, with NUMBA_BOUNDSCHECK=1; and the same bits."""
     (tmp_path / "bounded.py").write_text(BOUNDED)

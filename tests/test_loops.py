@@ -180,6 +180,7 @@ def scene_of(outputs):
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.longer
 def test_every_target_every_cut(name):
     outputs = CASES[name]()
     scene = scene_of(outputs)

@@ -36,6 +36,7 @@ def recorded(name):
 
 
 @pytest.mark.parametrize("problem", ALL, ids=lambda p: p.name)
+@pytest.mark.longer
 def test_errors_are_those_that_were_recorded(problem):
     """And every rung that says a tolerance keeps it; JAX, which compiles long, at length only."""
     methods = [m for m in problem.methods() if STRESS or "JAX" not in m.family]

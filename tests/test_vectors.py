@@ -44,6 +44,7 @@ def said():
 
 
 @pytest.mark.parametrize("bits", ["128", "256"] if STRESS else ["256"])
+@pytest.mark.longer
 def test_narrow_vectors_give_the_same_bits(bits, tmp_path):
     env = os.environ | {"STIMLIB_VECTOR_BITS": bits, "STIMLIB_CACHE": str(tmp_path / "cache")}
     (tmp_path / "cache").mkdir(mode=0o700)

@@ -141,6 +141,7 @@ def test_no_motion_and_no_normal_force_takes_energy_out(law):
 
 
 @pytest.mark.parametrize("law", ["coulomb", "elastoplastic"])
+@pytest.mark.longer
 def test_a_stiffness_that_follows_the_normal_force_is_passive(law):
     """The trap: k in proportion to N, as of fingers; with z kept on a rise, 10 s of this give 0.25 mJ."""
     t = np.arange(80_000) / 8000

@@ -41,6 +41,7 @@ def test_a_loop_behind_a_gate_passes():
     assert r.passed and {c.group for c in r.checks} > {"c"}, str(r)
 
 
+@pytest.mark.longer
 def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
     """The noise is then in few samples, so the deviation of the slope is not that of noise spread evenly."""
     x = np.r_[np.zeros(40000), minimum_jerk()(np.arange(2400) / 8000)]

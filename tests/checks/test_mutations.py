@@ -36,6 +36,7 @@ def test_what_is_faulty_is_not_the_scene():
         assert failed(seconds=0.1)
 
 
+@pytest.mark.longer
 def test_correct_renderings_pass():
     wrong = {seed: bad for seed in range(50 if "STIMLIB_STRESS" in os.environ else 12) if (bad := failed(seed=seed, seconds=1.0))}
     assert not wrong

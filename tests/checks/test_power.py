@@ -3,7 +3,6 @@
 import csv
 import dataclasses as dc
 import importlib
-import os
 import sys
 from pathlib import Path
 
@@ -81,7 +80,7 @@ QUICK = [
 ]
 
 
-@pytest.mark.parametrize("name", SEARCHED if "STIMLIB_STRESS" in os.environ else QUICK)
+@pytest.mark.parametrize("name", [k if k in QUICK else pytest.param(k, marks=pytest.mark.stress) for k in SEARCHED])
 def test_the_table_holds_for_the_verifier_of_today(bench, name):
     """Just above the smallest fault it is caught, just below it passes."""
     r = SEARCHED[name]

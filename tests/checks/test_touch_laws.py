@@ -1,7 +1,5 @@
 """The laws of the everyday scenes: they hold of what is rendered, and catch what is slightly off."""
 
-import os
-
 import numpy as np
 import pytest
 from correct import hand
@@ -84,7 +82,7 @@ def test_the_laws_are_the_blocks_formulas_by_another_route():
 SIZES = {"click": 3e-3, "detents": 3.0, "friction": 0.03, "wall": 5e-3, "impact": 5e-3}  # of a hand
 
 
-@pytest.mark.parametrize("seed", range(40 if "STIMLIB_STRESS" in os.environ else 2))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.stress) for seed in range(2, 40))])
 @pytest.mark.parametrize("name", CASES)
 def test_no_correct_rendering_is_doubted(name, seed):
     """Hands that move, hold, wobble by a code or come in codes, off and on contact, at any rate and with other numbers."""

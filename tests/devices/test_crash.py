@@ -92,6 +92,7 @@ def write_at_pace(path, subtype, fs, pace):
 @pytest.mark.parametrize(
     ("format", "subtype"), [kind if kind in QUICK else pytest.param(*kind, marks=pytest.mark.stress) for kind in KINDS]
 )
+@pytest.mark.longer
 def test_a_killed_run_leaves_a_file_that_is_recovered(tmp_path, format, subtype):
     path = tmp_path / f"a.{format.lower()}"
     for fs in (8000.0, 1000.0) if STRESS else (1000.0,) if format == "FLAC" else (8000.0,):
@@ -125,6 +126,7 @@ def write_fast(path, subtype):
 
 
 @pytest.mark.parametrize(("format", "subtype"), [("WAV", "FLOAT"), ("RF64", "DOUBLE"), ("FLAC", "PCM_24")])
+@pytest.mark.longer
 def test_whenever_it_is_killed_the_pair_is_whole_or_recovered(tmp_path, format, subtype):
     wanted = tmp_path / f"wanted.{format.lower()}"
     file.write(wanted, stimlib.compile(scene(), 8000.0, seed=3), {"x": HAND}, 20.0, subtype=subtype, full_scale=64.0)
@@ -262,7 +264,7 @@ def test_a_new_run_takes_the_place_of_what_was_left(tmp_path):
     assert file.read(path)[0].shape == (2, 4000) and {p.name for p in tmp_path.iterdir()} == {"a.flac", "a.flac.json"}
 
 
-@pytest.mark.skipif("STIMLIB_STRESS" not in os.environ, reason="writes 4.4 GB; make stress")
+@pytest.mark.stress  # writes 4.4 GB
 @pytest.mark.parametrize("format", ["rf64", "w64", "caf"])
 def test_more_than_4_gib_is_exact(tmp_path, format):
     """Every sample, in the finished file; and what a killed run would leave beyond 4 GiB."""
@@ -341,6 +343,7 @@ def play(folder):
             print(sink.report().produced, flush=True)
 
 
+@pytest.mark.longer
 def test_a_killed_sink_leaves_a_log_that_is_verified(tmp_path):
     for trial in range(KILLS):
         folder = tmp_path / f"{trial}.stimlog"
@@ -355,6 +358,7 @@ def test_a_killed_sink_leaves_a_log_that_is_verified(tmp_path):
 
 
 @pytest.mark.parametrize("inputs", [True, False])
+@pytest.mark.longer
 def test_a_killed_session_replays_up_to_its_last_second(tmp_path, inputs):
     for trial in range(KILLS):
         folder = tmp_path / f"{trial}.stimlog"

@@ -363,6 +363,7 @@ def test_what_is_not_finite_never_reaches_the_port(server):
 
 # Ways out ------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("way", ["stop", "close", "exception", "end"])
+@pytest.mark.longer
 def test_every_way_out_fades(server, way):
     def take():
         log = Seen()
@@ -447,6 +448,7 @@ def test_signals_and_the_end_of_the_program_fade(server, more, what, code):
 
 # Faults --------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.longer
 def test_a_server_that_is_killed_is_a_typed_error_within_a_second(how):
     log = Seen()
     with Jackd(FS, 64) as server:
@@ -534,7 +536,7 @@ def test_real_time_set_up(server):
     assert len(seen) == 1 and "jackd runs without -R" in str(seen[0].message)
 
 
-@pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
+@pytest.mark.stress
 @pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_freewheel_is_exact_everywhere(fs, block):
     with Jackd(fs, block) as server:
@@ -542,14 +544,14 @@ def test_freewheel_is_exact_everywhere(fs, block):
             assert any(freewheel(server, channels, 10.0) for _ in range(3))
 
 
-@pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
+@pytest.mark.stress
 def test_a_minute_in_real_time_is_accounted(server):
     take = taken(lambda: real_time(60.0, server, stall_at=20.0))
     assert take.report.produced == 60 * FS and take.report.lost > 0.25 * FS
     print(take.report)
 
 
-@pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
+@pytest.mark.stress
 def test_a_busy_interpreter_does_not_reach_the_compiled_callback(server):
     found = {True: [], False: []}
     for _ in range(5):

@@ -347,6 +347,7 @@ print("playing", flush=True)
         ("1 / 0", None, 1),
     ],
 )
+@pytest.mark.longer
 def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
     path = tmp_path / "frames.npz"
     child = subprocess.Popen(
@@ -444,6 +445,7 @@ class Stuck(NullSink):
         super()._close()
 
 
+@pytest.mark.longer
 def test_close_comes_back_from_a_device_that_hangs():
     Stuck.let_go.clear()
     sink = Stuck(steady(), 1.0, realtime=False)
@@ -458,6 +460,7 @@ def test_close_comes_back_from_a_device_that_hangs():
     Stuck.let_go.set()
 
 
+@pytest.mark.longer
 def test_close_comes_back_while_another_thread_stops():
     """Their times together."""
     Stuck.let_go.clear()
@@ -477,6 +480,7 @@ def test_close_comes_back_while_another_thread_stops():
     Stuck.let_go.set()
 
 
+@pytest.mark.longer
 def test_close_comes_back_from_a_device_that_calls_no_more():
     class Dead(Sink):
         device = "dead"

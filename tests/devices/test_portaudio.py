@@ -307,6 +307,7 @@ def taken_away(environment, name, take_away):
 
 
 @needs_jack
+@pytest.mark.longer
 def test_a_server_that_is_killed_is_a_typed_error_within_a_second():
     with Jackd(8000, 64) as server:
 
@@ -434,7 +435,6 @@ def test_another_sounddevice_falls_back_to_python_with_a_warning(tmp_path):
 
 
 # PulseAudio ----------------------------------------------------------------------------------------------------------
-STRESS = pytest.mark.skipif(not os.environ.get("STIMLIB_STRESS"), reason="make stress")
 PULSE = shutil.which("pulseaudio") and shutil.which("parec")
 
 
@@ -442,7 +442,7 @@ needs_pulse = pytest.mark.skipif(not PULSE, reason="needs PulseAudio (tests/devi
 
 
 @needs_pulse
-@STRESS  # PulseAudio has a clock: on a busy machine it may lose samples that no sink can help
+@pytest.mark.stress  # PulseAudio has a clock: on a busy machine it may lose samples that no sink can help
 @pytest.mark.parametrize("fs, channels", [(8000, 1), (48000, 2), (48000, 8), (8000, 24)])
 def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
     """A null sink with a clock of its own, recorded at its monitor."""
@@ -464,6 +464,7 @@ def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
 
 @needs_pulse
 @pytest.mark.parametrize("what", ["sink", "server"])
+@pytest.mark.longer
 def test_what_pulseaudio_takes_away_is_a_typed_error(tmp_path, what):
     with Pulse(tmp_path) as server:
         taken_away(server.environment, "pulse", server.remove_the_sink if what == "sink" else server.__exit__)
@@ -521,14 +522,14 @@ def test_a_jack_server_that_hangs_does_not_kill_the_program():
 
 
 # Everything ----------------------------------------------------------------------------------------------------------
-@STRESS
+@pytest.mark.stress
 @pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):
     for channels in (1, 2, 8, 24):
         to_a_file(tmp_path, fs, channels, block, 10.0)
 
 
-@STRESS
+@pytest.mark.stress
 @needs_jack
 @pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_over_jack_is_exact_everywhere(fs, block):

@@ -213,6 +213,7 @@ def peak(path, columns="{'x': 'x'}"):
     return "\n".join(said), float(grown)
 
 
+@pytest.mark.longer
 def test_memory_of_many_rows(path):
     """10 million rows within 1 GB is 100 bytes a row, for file, time, position and cubics; it was 430."""
     rows = 10_000_000 if "STIMLIB_STRESS" in os.environ else 300_000

@@ -158,6 +158,7 @@ def covered(people, model, at, chance):
     return np.mean((low < 2) & (2 < high)), np.mean((flat_low < 0.4) & (0.4 < flat_high))
 
 
+@pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such a count.  With guesses it is 93 %."""
     people, off = (20000, 0.01) if STRESS else (1000, 0.02)

@@ -1,7 +1,6 @@
 """Sessions: presented to the sample, logged line by line, resumed after any end, and refused where something was changed."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -194,9 +193,7 @@ def test_a_session_that_was_left_goes_on_as_it_would_have(tmp_path):
     assert facts[0] == facts[1] and len(facts[0]) == len(whole.records)
 
 
-@pytest.mark.parametrize(
-    "kills", [8, pytest.param(200, marks=pytest.mark.skipif("STIMLIB_STRESS" not in os.environ, reason="long"))]
-)
+@pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.stress)])
 def test_killed_at_random_moments_nothing_is_lost_and_nothing_doubled(tmp_path, kills):
     command = [sys.executable, str(Path(__file__).with_name("killed.py")), str(tmp_path), str(kills), "1"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)

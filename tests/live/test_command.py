@@ -1,7 +1,6 @@
 """``stimlib live``: what its options come to, and what it says where it cannot."""
 
 import importlib
-import os
 import re
 import signal
 import subprocess
@@ -97,7 +96,7 @@ def test_without_its_packages_it_says_how_to_get_them(monkeypatch):
         importlib.import_module("stimlib.live.server")
 
 
-@pytest.mark.skipif("STIMLIB_STRESS" not in os.environ, reason="a process: at length")
+@pytest.mark.stress  # a process each
 @pytest.mark.parametrize("sent, code", [(["SIGINT"], 130), (["SIGINT", "SIGINT"], 130), (["SIGHUP"], -15)])
 def test_ctrl_c_or_a_closed_terminal_ends_the_command(tmp_path, sent, code):
     (tmp_path / "live_spring.py").write_text(SCENE)

@@ -65,6 +65,7 @@ def integrated(rows, finger=None, modes=2):
 
 
 @pytest.mark.parametrize("motion", [stroke, recorded_stroke])
+@pytest.mark.longer
 def test_the_block_is_what_an_integrator_finds(motion):
     rows = motion(24000 if AT_LENGTH else 60)
     want = integrated(rows)
