@@ -3,6 +3,8 @@ PYTHON ?= python3
 LOWEST ?= python3.11
 BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-lowest stress soak randomness lint docs bench lock clean
 
