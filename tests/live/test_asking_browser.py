@@ -37,7 +37,7 @@ def browser():
 
 def awaited(running, page, known=0):
     """The number of the next prompt, once the page shows it and takes keys."""
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while (state := running.asking._now())["phase"] != "ask" or state["number"] <= known:
         if state["phase"] == "end":
             running.thread.join(10)  # which keeps the error that has ended it
@@ -92,16 +92,10 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(browser,
         (r.trial, r.answer.values, r.answer.replays) for r in terminals
     ]
     assert [[d.get("missed", False) for d in r.displayed] for r in mine] == [[False] * 2, [False], [False], [True, False]]
-    seen, wanted = (
-        [
-            [d[k] for k in ("scene", "params", "seed", "intervals", "peak", "rms")]
-            for r in all_
-            for d in r.displayed
-            if not d.get("missed")
-        ]
-        for all_ in (mine, terminals)
-    )
-    assert seen == wanted
+    seen, wanted = ([d for r in all_ for d in r.displayed if not d.get("missed")] for all_ in (mine, terminals))
+    for d, w in zip(seen, wanted, strict=True):
+        facts = ("scene", "params", "seed", "intervals") + ("peak", "rms") * (d["lost"] == 0)  # a busy machine may lose samples
+        assert [d[k] for k in facts] == [w[k] for k in facts]
 
 
 def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
