@@ -217,7 +217,7 @@ def bandpass(
 ) -> Block:
     """What lies between two frequencies.
 
-    It is computed to 2e-13 + 2e-15 high/(high - low) of its peak: a narrow band is as exact as its poles are numbers.
+    It is computed to 2e-13 + 4e-15 high/(high - low) of its peak: a narrow band is as exact as its poles are numbers.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def bandstop(
 ) -> Block:
     """All but what lies between two frequencies; see ``bandpass`` for parameters and errors.
 
-    It is computed to 2e-13 + 2e-15 high/(high - low) + 2e-14 high/low of its peak.
+    It is computed to 2e-13 + 4e-15 high/(high - low) + 4e-14 high/low of its peak.
 
     Parameters
     ----------

@@ -94,15 +94,37 @@ def designed(
     from scipy.signal import iirfilter
 
     w = np.tan(np.pi * np.array(edges, float))
+    edge, shape = (w[0], band) if w.size == 1 else (1.0, "lowpass")
     try:
         with np.errstate(all="ignore"):
-            z, p, k = iirfilter(order, w if w.size > 1 else w[0], ripple, attenuation, band, True, KINDS[kind], "zpk")
+            z, p, k = iirfilter(order, edge, ripple, attenuation, shape, True, KINDS[kind], "zpk")
+            if w.size == 2:
+                z, p, k = _between(z, p, k, w[0], w[1], band == "bandstop")
         if np.isfinite([*z, *p, k]).all() and (p.real < 0).all() and k != 0:
             return paired(z, p, float(k))
     except ARITHMETIC:
         pass
     what = f"{band}: no {kind} filter of order {order} has these edges, ripple and attenuation"
     raise BadValue(f"{what}; lower the order or move the edges apart")
+
+
+def _between(z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, stop: bool) -> tuple[np.ndarray, np.ndarray, float]:
+    """A low-pass between two edges: s becomes (s^2 + low high)/(s (high - low)), or its inverse.
+
+    Of each two roots the smaller is found by their product: as a difference it loses digits where the edges are far apart.
+    """
+    half, middle, more = (high - low) / 2, low * high, len(p) - len(z)
+
+    def both(r: np.ndarray) -> np.ndarray:
+        """The roots of s^2 - 2 r s + middle."""
+        d = np.sqrt(r * r - middle + 0j)
+        large = np.where(np.abs(r + d) >= np.abs(r - d), r + d, r - d)
+        return np.concatenate((large, middle / large))
+
+    if not stop:
+        return np.concatenate((both(half * z), np.zeros(more))), both(half * p), k * (2 * half) ** more
+    far = 1j * np.sqrt(middle) * np.repeat([1.0, -1.0], more)
+    return np.concatenate((both(half / z), far)), both(half / p), k * float(np.real(np.prod(-z) / np.prod(-p)))
 
 
 def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quadratic]]:

@@ -51,7 +51,7 @@ def promised(band, edges):
     if len(edges) == 1:
         return 1e-13
     low, high = edges
-    return 2e-13 + 2e-15 * high / (high - low) + (2e-14 * high / low if band == "bandstop" else 0.0)
+    return 2e-13 + 4e-15 * high / (high - low) + (4e-14 * high / low if band == "bandstop" else 0.0)
 
 
 @pytest.mark.parametrize(("band", "edges", "kind", "order"), FEW)
