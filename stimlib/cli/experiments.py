@@ -102,7 +102,7 @@ def played(
     port: Port = 0,
 ) -> None:
     """A session, answered in the terminal or on a page; what ends it early says the command that goes on."""
-    from ..experiments.present import SINKS
+    from ..experiments.present import FAST, SINKS, prepare
     from ..experiments.run import run
     from ..experiments.session import Session
 
@@ -116,10 +116,13 @@ def played(
     with Session(made, data, participant, session, pilot, resume) as running:
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
+        if sink not in FAST:
+            print("preparing what will be displayed; the first time this takes up to a minute or so", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port) as asking:
+                        prepare(running, sink)
                         run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal() as face:

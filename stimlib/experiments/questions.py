@@ -6,6 +6,8 @@ import dataclasses as dc
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from ..core.fields import number
 from ..errors import BadValue
 
@@ -82,6 +84,22 @@ class Question:
                 value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()]
         self.check(value)
         return value
+
+    def guess(self, rng: np.random.Generator) -> Any:
+        """Some answer, whatever was shown.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from stimlib.experiments.questions import rating
+        >>> 1 <= rating("roughness", "How rough?", "smooth", "rough").guess(np.random.default_rng(1)) <= 7
+        True
+        """
+        if self.kind == "choice":
+            return str(rng.choice(self.choices))
+        if self.kind == "rating":
+            return int(rng.integers(1, self.most + 1))
+        return rng.permutation(self.choices).tolist()  # no places at all
 
 
 def _place(v: Any) -> bool:
