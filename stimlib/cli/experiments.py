@@ -127,13 +127,16 @@ def played(
                 else:
                     with terminal() as face:
                         run(running, face, sink, **options)
-        except (KeyboardInterrupt, SinkError, FaultError) as e:
+        except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
             words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
             flags = ["--pilot"] * pilot + ["--page"] * page
             again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
-            why = f"{e}; " if str(e) else ""
-            raise type(e)(f"{why}{len(running.records)} answers are kept; go on with {again}") from None
+            kept = f"{len(running.records)} answers are kept; go on with {again}"
+            if isinstance(e, SystemExit):
+                note(kept)
+                raise
+            raise type(e)(f"{e}; {kept}" if str(e) else kept) from None
 
 
 @contextmanager
@@ -242,6 +245,8 @@ def analyse(
     if not found:
         raise BadValue(f"there is no {'pilot' if pilot else 'session'} of {made.name} in {data}")
     table = columns(found, training=True)
+    if not table["number"]:
+        raise BadValue(f"the sessions of {made.name} in {data} have no answers yet")
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)

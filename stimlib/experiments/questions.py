@@ -12,6 +12,8 @@ from ..core.fields import number
 from ..errors import BadValue
 
 KINDS = ("choice", "rating", "ranking", "places")
+NONE = "n"
+"""Typed where there are no places: Enter alone may be a slip."""
 
 
 @dc.dataclass(frozen=True)
@@ -52,12 +54,13 @@ class Question:
             wanted = f"all of {', '.join(self.choices)}, each once, in order"
         else:
             good = isinstance(value, (list, tuple)) and len(value) <= self.most and all(map(_place, value))
-            wanted = f"a list of at most {self.most} places [x, y]"
+            wanted = f"at most {self.most} places [x, y], typed as x y; x y, or {NONE} for none"
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``.
+        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``,
+        ``n`` for none.
 
         Raises
         ------
@@ -81,7 +84,8 @@ class Question:
             value = text.split()
         elif self.kind == "places":
             with suppress(ValueError):
-                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()]
+                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()] or text
+            value = [] if text == NONE else value
         self.check(value)
         return value
 

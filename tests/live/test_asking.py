@@ -110,6 +110,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_pat
         "How much? (1 = none, 100 = most)", "The largest first (in order, of A B)", "Where? (x y; x y)",
     ]  # fmt: skip
     assert first["told"] == ["Squeeze."] and first["keys"] == [["1", "soft"], ["0", "begin"]]
+    assert ["n", "none"] in next(m["keys"] for m in asks if m["text"] == "Where? (x y; x y)"), "or a page could not say so"
     begins = [m["told"] for m in states if m.get("text", "").startswith("trial")]
     assert begins == [[], ["right"], ["right"], ["right" if mine[2].trial.correct["softer"] == "green" else "wrong"]]
     assert running.notes[-1] == "That was the last one. Thank you."
