@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import shlex
+import signal
 import socket
 import threading
 import time
@@ -33,6 +34,7 @@ from stimlib.live.site import Page
 
 SHORT = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))))
 LONG = experiment(design=Listed(((TASK, 4.0),)), timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0))
+TRIAL = TASK.trial(4.0, 1, 0)
 FOLDER = "pair/P01-s1"
 
 
@@ -316,6 +318,37 @@ def test_a_page_is_closed_when_it_has_taken_the_last_words():
 
 def test_the_table_of_messages_has_them_all():
     assert all(f"\n{name} " in asking_module.__doc__ for name in FIELDS if name != "hello")
+
+
+class Interrupted(threading.Condition):
+    """Ctrl-C comes when the lock is taken, before the ``with`` knows of it."""
+
+    def __enter__(self):
+        got = super().__enter__()
+        signal.raise_signal(signal.SIGINT)
+        return got
+
+
+def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypatch, tmp_path):
+    def presented(experiment, trial, sink, folder, began):
+        began(None)
+
+    monkeypatch.setattr(asking_module, "present", presented)
+    for what in ("_become", "_waited", "show"):
+        face, free = Asking(lambda text: None), []
+        face.pages.append(Page())
+        face._changed = Interrupted()
+        show = face.display(LONG, "null")
+        with pytest.raises(KeyboardInterrupt):
+            if what == "show":
+                monkeypatch.setattr(face, "_become", lambda *_, **__: None)
+                show(TRIAL, tmp_path)
+            else:
+                getattr(face, what)(*["wait"] * (what == "_become"))
+        thread = threading.Thread(target=lambda lock, free: free.append(lock.acquire(blocking=False)), args=(face._changed, free))
+        thread.start()
+        thread.join()
+        assert free == [True]
 
 
 def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
