@@ -167,6 +167,16 @@ def test_an_earlier_page_answers_nothing():
     assert "it was answered" in second.texts[-1][1]
 
 
+def test_an_earlier_page_that_goes_is_not_missed():
+    notes = []
+    face, (first, second) = Asking(notes.append), (Page(), Page())
+    face.join(first), face.join(second)
+    face.leave(first)
+    assert notes == ["the page is open"] * 2 and not face._missed
+    face.leave(second)
+    assert notes[-1] == "the page is gone: the session waits for it"
+
+
 def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(tmp_path):
     with asked(tmp_path, LONG, "null") as running:
         with page(running) as phone:
