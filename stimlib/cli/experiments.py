@@ -102,7 +102,7 @@ def played(
     port: Port = 0,
 ) -> None:
     """A session, answered in the terminal or on a page; what ends it early says the command that goes on."""
-    from ..experiments.present import SINKS
+    from ..experiments.present import FAST, SINKS, prepare
     from ..experiments.run import run
     from ..experiments.session import Session
 
@@ -116,21 +116,27 @@ def played(
     with Session(made, data, participant, session, pilot, resume) as running:
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
+        if sink not in FAST:
+            print("preparing what will be displayed; the first time this takes up to a minute or so", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port) as asking:
+                        prepare(running, sink)
                         run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal() as face:
                         run(running, face, sink, **options)
-        except (KeyboardInterrupt, SinkError, FaultError) as e:
+        except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
             words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
             flags = ["--pilot"] * pilot + ["--page"] * page
             again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
-            why = f"{e}; " if str(e) else ""
-            raise type(e)(f"{why}{len(running.records)} answers are kept; go on with {again}") from None
+            kept = f"{len(running.records)} answers are kept; go on with {again}"
+            if isinstance(e, SystemExit):
+                note(kept)
+                raise
+            raise type(e)(f"{e}; {kept}" if str(e) else kept) from None
 
 
 @contextmanager
@@ -239,6 +245,8 @@ def analyse(
     if not found:
         raise BadValue(f"there is no {'pilot' if pilot else 'session'} of {made.name} in {data}")
     table = columns(found, training=True)
+    if not table["number"]:
+        raise BadValue(f"the sessions of {made.name} in {data} have no answers yet")
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)

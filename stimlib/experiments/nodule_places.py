@@ -68,7 +68,7 @@ def nodule_places() -> Experiment:
         version="1",
         scenes={name: soft_surface(FEEDBACK[how], S=block(radians(turn))) for name, (how, turn) in SURFACES.items()},
         design=one_after_another,
-        questions=(places("nodules", "Where are the nodules?", most=3),),
+        questions=(places("nodules", "Where are the nodules, in m from the lower left corner?", most=3),),
         fs=1000.0,
         safety=Safety(full_scale={f"{k}{i}": v for i in (1, 2, 3) for k, v in sizes.items()} | {"force": 10.0, "vibration": 1.0}),
         motion=PEN,

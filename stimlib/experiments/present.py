@@ -10,8 +10,10 @@ from __future__ import annotations
 import dataclasses as dc
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +24,16 @@ from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, SceneError, UnknownName
+from ..errors import BadValue, SceneError, StimlibError, UnknownName
 from ..files.log import LogWriter, header
 from ..files.replay import delivered
 from ..files.session import read_log
 from ..run.safety import Safety
 from .experiment import Experiment
 from .trial import Stimulus, Trial
+
+if TYPE_CHECKING:
+    from .session import Session
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
@@ -192,6 +197,42 @@ SINKS: dict[str, Callable[..., Sink]] = {
     "portaudio": _portaudio,
 }
 """What makes a sink of a scene and its safety; "offline" runs as fast as it goes, "file" also keeps delivered.caf in the log."""
+
+
+FAST = ("offline", "file")
+"""Sinks without a clock, before which nobody waits."""
+AHEAD = 1000
+"""Trials of a session of which the programs are compiled before it begins."""
+
+
+def prepare(session: Session, sink: str) -> int:
+    """Compile what a session displays before it begins; later it would be late once for each kind of stimulus, and tell of it.
+
+    Parameters
+    ----------
+    session : Session
+        Opened by ``with``; it stays as it is.
+    sink : str
+        Name in ``SINKS``; for one without a clock nothing is compiled.
+
+    Returns
+    -------
+    int
+        Programs that were compiled: one for all trials that have the same scenes, and in which the same parameters change.
+    """
+    e, done = session.experiment, set()
+    with suppress(Exception):  # of a design, on an answer that nobody may give
+        for trial in islice(session.ahead() if sink not in FAST else (), AHEAD):
+            first = trial.stimuli[0].params
+            kind = tuple((s.scene, *(n for n, v in s.params.items() if v != first.get(n))) for s in trial.stimuli)
+            if kind in done:
+                continue
+            done.add(kind)
+            with suppress(StimlibError):  # it is told when that trial is due
+                scene, params = program(e, trial)
+                with NullSink(scene, _protection(e, scene), motion=Live(), params=params, clocked=False) as never:  # starts
+                    never.open(e.fs)
+    return len(done)
 
 
 def present(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BadValue
+from .questions import NONE
 
 if TYPE_CHECKING:
     from .questions import Question
@@ -64,7 +65,7 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
     elif question.kind == "ranking":
         how = f" (in order, of {' '.join(question.choices)})"
     elif question.kind == "places":
-        how = " (x y; x y)"
+        keys, how = {NONE: "none"}, " (x y; x y)"
     more = {REPLAY: f"once more ({replays} left)"} if replays > 0 and REPLAY not in keys else {}
     return Prompt(question.text + how, keys | more, bool(how), question.choices if question.kind == "ranking" else ())
 

@@ -6,10 +6,14 @@ import dataclasses as dc
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from ..core.fields import number
 from ..errors import BadValue
 
 KINDS = ("choice", "rating", "ranking", "places")
+NONE = "n"
+"""Typed where there are no places: Enter alone may be a slip."""
 
 
 @dc.dataclass(frozen=True)
@@ -50,12 +54,13 @@ class Question:
             wanted = f"all of {', '.join(self.choices)}, each once, in order"
         else:
             good = isinstance(value, (list, tuple)) and len(value) <= self.most and all(map(_place, value))
-            wanted = f"a list of at most {self.most} places [x, y]"
+            wanted = f"at most {self.most} places [x, y], typed as x y; x y, or {NONE} for none"
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``.
+        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``,
+        ``n`` for none.
 
         Raises
         ------
@@ -79,9 +84,26 @@ class Question:
             value = text.split()
         elif self.kind == "places":
             with suppress(ValueError):
-                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()]
+                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()] or text
+            value = [] if text == NONE else value
         self.check(value)
         return value
+
+    def guess(self, rng: np.random.Generator) -> Any:
+        """Some answer, whatever was shown.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from stimlib.experiments.questions import rating
+        >>> 1 <= rating("roughness", "How rough?", "smooth", "rough").guess(np.random.default_rng(1)) <= 7
+        True
+        """
+        if self.kind == "choice":
+            return str(rng.choice(self.choices))
+        if self.kind == "rating":
+            return int(rng.integers(1, self.most + 1))
+        return rng.permutation(self.choices).tolist()  # no places at all
 
 
 def _place(v: Any) -> bool:

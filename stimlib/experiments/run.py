@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .present import present
+from .present import prepare, present
 from .questions import Question
 from .session import Session
 from .streams import seed_of, stream
@@ -77,6 +77,8 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
     if (trial := session.due()) is None:
         face.tell("All trials of this session are done.")
         return
+    if isinstance(sink, str):
+        prepare(session, sink)
     if e.instructions:
         face.tell(e.instructions)
     _familiarise(session, trial, face, show)

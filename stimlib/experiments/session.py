@@ -18,17 +18,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Self
+
+import numpy as np
 
 from ..core import regular
 from ..errors import BadValue, SinkError
 from ..version import __version__
 from .experiment import Experiment
 from .saved import VERSION, Saved, blinded, folder_of, read, sealed
-from .trial import Answer, Record, Trial
+from .streams import stream
+from .trial import Answer, Record, Trial, observed
 
 SPARE = 65536  # bytes; the line of a trial has about 2000
 LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps, and events
@@ -182,6 +185,16 @@ class Session:
             self.experiment.check(trial)
             self._make_room(trial)
         return trial
+
+    def ahead(self) -> Iterator[Trial]:
+        """Trials that may come, as whoever answers by guessing would get them, and what one may get familiar with."""
+
+        def guess(trial: Trial, rng: np.random.Generator) -> Answer:
+            return Answer({name: self.experiment.question(name).guess(rng) for name in trial.questions})
+
+        for known in self.experiment.familiar(self.participant, self.session).values():
+            yield Trial("familiarisation", (known,), (self.experiment.questions[0].name,))
+        yield from (trial for trial, _ in observed(self.design, self.seed, guess, stream(self.seed, "ahead")))
 
     def rest(self, trial: Trial) -> float:
         """Seconds of the pause before a trial that are still to go, also where the session was left meanwhile."""

@@ -57,7 +57,7 @@ class Answer:
     values : dict of str to JSON data
         By the name of the question: one of its choices, a rating, a ranking (list of names), places (list of [x, y]).
     seconds : float, optional
-        From the end of the last stimulus.
+        From the first question on, which is asked some tenths of a second after the end of the last stimulus.
     replays : int
         How often the stimuli were asked for again.
     """

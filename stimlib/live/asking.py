@@ -30,11 +30,13 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
 from ..core import fields
+from ..devices.process import signals_wait
 from ..devices.sink import Sink
 from ..errors import SinkError
 from ..experiments.experiment import Experiment
@@ -91,6 +93,12 @@ class Asking(Keyed):
         self._sink: Sink | None = None  # while a stimulus is there
         self._missed = False
 
+    @contextmanager
+    def _held(self) -> Iterator[None]:
+        """The lock for the session's thread: Ctrl-C between its taking and the ``with`` would leave it taken for ever."""
+        with signals_wait(), self._changed:
+            yield
+
     # The face: the session's thread --------------------------------------------------------------------------------------
     def tell(self, text: str) -> None:
         """Shown until the next answer."""
@@ -120,15 +128,19 @@ class Asking(Keyed):
         """
         keys = [[key, says] for key, says in prompt.keys.items()]
         self._become("ask", text=prompt.text, keys=keys, line=prompt.line, words=prompt.words)
-        with self._changed:
-            while self._said is None:
-                if self._over:
-                    raise SinkError("the server of the page has ended before the session")
-                self._changed.wait(0.5)
-            said = self._said
+        while (said := self._waited()) is None:
+            if self._over:
+                raise SinkError("the server of the page has ended before the session")
         self._told = []
         self._become("wait")
         return said.strip()
+
+    def _waited(self) -> str | None:
+        """The answer, if it comes soon; so that Ctrl-C is soon heard, too."""
+        with self._held():
+            if self._said is None and not self._over:
+                self._changed.wait(0.2)
+            return self._said
 
     def display(self, experiment: Experiment, sink: str, **options: Any) -> Callable[[Trial, Path], dict[str, Any]]:
         """What ``run`` takes as a sink: the page shows when there is something to feel, and a stimulus without a page fades out.
@@ -147,7 +159,7 @@ class Asking(Keyed):
 
             def began(playing: Sink) -> None:
                 self._become("feel", intervals=times, cursor=cursor)
-                with self._changed:
+                with self._held():
                     self._sink = playing
                     self._missed = not self.pages
                 if self._missed:
@@ -156,7 +168,7 @@ class Asking(Keyed):
             try:
                 found = present(experiment, trial, sink, folder, began, **options)
             finally:
-                with self._changed:
+                with self._held():
                     self._sink = None
             if not self._missed:
                 return found
@@ -226,7 +238,7 @@ class Asking(Keyed):
 
     # What a page is told -------------------------------------------------------------------------------------------------
     def _become(self, phase: str, **more: Any) -> None:
-        with self._changed:
+        with self._held():
             self._number, self._since, self._said = self._number + 1, time.monotonic(), None
             self._state = {"phase": phase} | more
             if self._loop is not None and not self._over:

@@ -145,6 +145,7 @@ def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
         (rating("r", "How rough?", "none", "most", 100), 5000 * "9" + "\n55\n", 55),
         (ranking("r", "The largest first", "A", "B"), "A\nB A\n", ["B", "A"]),
         (places("r", "Where?", 2), "1 x\n0.1 0.2; 3 4\n", [[0.1, 0.2], [3.0, 4.0]]),
+        (places("r", "Where?", 2), "\n;\nn\n", []),
         (choice("r", "Was there one?", "yes", "no", keys="yn"), "1\nn\n", "no"),
     ],
 )
@@ -261,7 +262,10 @@ def test_sigterm_ends_a_session_as_ctrl_c_does(file, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Terminal, "tell", terminated)
     monkeypatch.setattr(Terminal, "pick", terminated)
-    stimlib("run", f"{file}:short", "--participant", "P1", "--data", tmp_path, "--sink", "offline", status=143)
+    who = [f"{file}:short", "--participant", "P1", "--session", "1", "--data", str(tmp_path), "--sink", "offline"]
+    said = stimlib("run", *who, status=143)
+    assert said.endswith(f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n")
+    assert "the sessions of pair in " in stimlib("analyse", f"{file}:short", "--data", tmp_path, status=2), "no answers yet"
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 

@@ -2,12 +2,13 @@
 
 import dataclasses
 from itertools import combinations
-from math import dist, pi
+from math import dist, pi, radians
 
 import numpy as np
 import pytest
 from experiments.some import experiment, still
 
+import stimlib
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import nodule_places as place
 from stimlib.experiments import nodule_sizes as size
@@ -287,6 +288,7 @@ def test_sizes_gives_the_printed_rates_and_places():
     assert found.rank == pytest.approx(size.PRINTED_RANK) and (found.every.k, found.every.n) == (49, 60)
     told = size.text(found)
     assert "A before B  85.0 % [64.0, 94.8] of 20 (85.0)" in told and "all pairs   81.7 % [70.1, 89.4] of 60 (81.7)" in told
+    assert "B before C  70.0 % [48.1, 85.5] of 20 (70.0)" in told and size.nodule_sizes().timing.interval == 60.0
     drawn = simulate(size.nodule_sizes(), size.person, 60, seed=1)
     assert size.sorted_rightly(drawn).rank == pytest.approx(size.PRINTED_RANK, abs=0.2)
     with pytest.raises(UnknownName, match="no column 'order'"):
@@ -301,7 +303,13 @@ def test_places_nine_people_have_nine_orders_and_no_place_twice():
         assert {place.SURFACES[t.condition][0] for t in seen[n]} == set(place.FEEDBACK)
         where = [at for t in seen[n] for at in t.correct["nodules"]] + list(buried().values())
         assert min(dist(a, b) for a, b in combinations(where, 2)) > place.NEAR, "what was learnt does not help"
-    assert len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9
+        for t in seen[n]:
+            how, turn = place.SURFACES[t.condition]
+            S = block(radians(turn))
+            assert experiment.scenes[t.condition].hash == soft_surface(place.FEEDBACK[how], S=S).hash
+            levels = [S.levels[round(y / 0.002), round(x / 0.002)] for x, y in t.correct["nodules"]]
+            assert levels == sorted(levels, reverse=True) and levels[-1] > 1.2 * S.levels[0, 0], "hard where it is right, A first"
+    assert len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9 and experiment.timing.interval == 90.0
     for k in range(3):
         assert sorted(trials[k].condition for trials in seen.values()) == sorted(place.SURFACES), "each thrice in each place"
 
@@ -320,17 +328,38 @@ def test_places_gives_the_printed_rates():
     assert found.test.df == (2.0,) and found.test.value == pytest.approx(2.0978, abs=1e-4) and len(found.pairs) == 3
     told = place.text(found)
     assert "single-point  91.7 % [81.9, 96.4] (91.7 [82.0, 96.4])" in told and "multi-point   88.3 % [77.8, 94.2]" in told
+    assert {p.sides for p in found.pairs} == {"one-sided"}
+    one = place.located({name: column[:20] for name, column in answers.items()})
+    assert one.test is None and one.pairs == (), "one feedback cannot be compared"
+    x, y = buried(0.5 * pi)["A"]
+    near = [place.hit("vibration, 90 degrees", [[x, y + d]])["A"] for d in (0.00995, 0.01005)]
+    assert near == [True, False]
+    drawn = place.located(simulate(place.nodule_places(), place.person, 200, seed=1))
+    assert [p.value for p in drawn.rates.values()] == pytest.approx(
+        [drawn_of / 60 for drawn_of in place.FOUND.values()], abs=0.03
+    )
     alike = place.located({name: column[:1] for name, column in answers.items()})
     assert alike.test is None and alike.rates["single-point"].k == 2
 
 
+OVER_ALL = {  # once around, over all three nodules
+    "x": lambda t: 0.06 + 0.03 * np.cos(pi * t),
+    "y": lambda t: 0.06 + 0.03 * np.sin(pi * t),
+    "press": size.held,
+}
+
+
+def test_sizes_are_displayed_within_the_devices_range():
+    quick = dataclasses.replace(size.nodule_sizes(), timing=Timing(interval=2.0), motion=OVER_ALL)
+    design = quick.designed("P01")
+    shown = present(quick, design.next(design.init(1)), log=None)
+    assert shown["clips"] == {} and shown["delivered"] > 2000 and size.PEN["press"] is size.held
+    force = stimlib.render(soft_surface("combined", S=block()), OVER_ALL, fs=1000, seconds=2.0)["force"]
+    assert max(force) == pytest.approx(0.83, abs=0.005), "half of what a pen can tell"
+
+
 def test_places_are_displayed_and_analysed_from_their_log(tmp_path):
-    over_all = {  # once around, over all three nodules
-        "x": lambda t: 0.06 + 0.03 * np.cos(pi * t),
-        "y": lambda t: 0.06 + 0.03 * np.sin(pi * t),
-        "press": size.held,
-    }
-    quick = dataclasses.replace(place.nodule_places(), timing=Timing(interval=2.0), motion=over_all)
+    quick = dataclasses.replace(place.nodule_places(), timing=Timing(interval=2.0), motion=OVER_ALL)
     with Session(quick, tmp_path, "P01") as session:
         run(session, Simulated(session, quick.observer))
     saved = sessions(quick.name, tmp_path)

@@ -13,11 +13,12 @@ from experiments.some import QUESTION, SPRING, TASK, experiment, nothing, observ
 
 import stimlib
 import stimlib.experiments.streams
+from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SceneError, SinkError, UnknownName
 from stimlib.experiments.designs import Listed, Parts
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
-from stimlib.experiments.present import present, program, spans
+from stimlib.experiments.present import prepare, present, program, spans
 from stimlib.experiments.questions import rating
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import columns, read, sessions, status
@@ -124,6 +125,53 @@ def test_a_hand_pushes_its_positions_while_the_trial_plays(tmp_path):
     made = experiment(motion=Live(keep=1.0), hand=hand)
     shown = present(made, pair(), "null", tmp_path / "a.stimlog", realtime=False)
     assert shown["peak"]["force"] == pytest.approx([0.5, 1.5], rel=1e-6)
+
+
+def forms(opened):
+    """What is compiled of each program: its blocks and how they hang together, without their numbers."""
+    return {tuple((type(q.block).__name__, q.kind, q.clock, q.args) for q in scene.program.instances) for scene in opened}
+
+
+def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(tmp_path, monkeypatch):
+    """The first of a kind would begin late, and tell that it is one."""
+    opened, started = [], []
+    take, begin = NullSink.open, NullSink.start
+    monkeypatch.setattr(NullSink, "open", lambda sink, rate: (opened.append(sink.scene), take(sink, rate))[1])
+    monkeypatch.setattr(NullSink, "start", lambda sink, seconds: (started.append(sink.scene), begin(sink, seconds))[1])
+    force = SPRING.outputs["force"]
+    twice, square = (stimlib.Scene({"force": f}) for f in (2.0 * force, force * force / stimlib.constant(1.0, "N")))
+    tasks = Listed(((TASK, 4.0), (TASK, 2.0), (Identify("w", "softer", {n: Stimulus(n) for n in ("first", "second")}), "second")))
+    made = experiment(
+        scenes={"spring": SPRING, "first": SPRING, "second": square, "third": twice},
+        design=Parts({"learnt": Listed(((TASK, 4.0),), training=True), "main": tasks}),
+        familiarisation={"soft": Stimulus("third")},
+    )
+    with Session(made, tmp_path, "P01") as session:
+        face, state = Simulated(session, lambda trial, rng: Answer({"softer": "first"})), session.state
+        assert prepare(session, "offline") == 0 and not opened
+        told = prepare(session, "null")
+        assert told == len(opened) and not started and session.state == state and session.number == 1
+        before = forms(opened)
+        picks = iter(["soft", None])
+        monkeypatch.setattr(face, "pick", lambda names: next(picks), raising=False)
+        opened.clear()
+        run(session, face, "null", realtime=False)
+    assert len(session.records) == 4 and len(started) == 5 and forms(started) <= before and len(before) > 2
+    assert len(opened) == told + 5, "and a session does so by itself"
+
+
+def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
+    """A trial that is not allowed, and a design that fails on an answer, end no session before its first trial."""
+    high = Show("a", ("softer",), Stimulus("spring", {"k": 9.0}))
+
+    class Odd(Listed):
+        def update(self, state, answer):
+            return {}["no answer of this kind"]
+
+    tried = Parts({"high": Listed(((high, None),)), "then": Listed(((TASK, 4.0),))})
+    for design, kinds in ((tried, 2), (Odd(((TASK, 4.0),)), 1)):
+        with Session(experiment(design=design), tmp_path / type(design).__name__, "P01") as session:
+            assert prepare(session, "null") == kinds
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import shlex
+import signal
 import socket
 import threading
 import time
@@ -33,6 +34,7 @@ from stimlib.live.site import Page
 
 SHORT = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))))
 LONG = experiment(design=Listed(((TASK, 4.0),)), timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0))
+TRIAL = TASK.trial(4.0, 1, 0)
 FOLDER = "pair/P01-s1"
 
 
@@ -110,6 +112,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_pat
         "How much? (1 = none, 100 = most)", "The largest first (in order, of A B)", "Where? (x y; x y)",
     ]  # fmt: skip
     assert first["told"] == ["Squeeze."] and first["keys"] == [["1", "soft"], ["0", "begin"]]
+    assert ["n", "none"] in next(m["keys"] for m in asks if m["text"] == "Where? (x y; x y)"), "or a page could not say so"
     begins = [m["told"] for m in states if m.get("text", "").startswith("trial")]
     assert begins == [[], ["right"], ["right"], ["right" if mine[2].trial.correct["softer"] == "green" else "wrong"]]
     assert running.notes[-1] == "That was the last one. Thank you."
@@ -162,6 +165,16 @@ def test_an_earlier_page_answers_nothing():
     thread.join(5)
     assert said == ["2"] and "opened on another page" in first.texts[-1][1] and first.end[0] == 4409
     assert "it was answered" in second.texts[-1][1]
+
+
+def test_an_earlier_page_that_goes_is_not_missed():
+    notes = []
+    face, (first, second) = Asking(notes.append), (Page(), Page())
+    face.join(first), face.join(second)
+    face.leave(first)
+    assert notes == ["the page is open"] * 2 and not face._missed
+    face.leave(second)
+    assert notes[-1] == "the page is gone: the session waits for it"
 
 
 def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(tmp_path):
@@ -315,6 +328,37 @@ def test_a_page_is_closed_when_it_has_taken_the_last_words():
 
 def test_the_table_of_messages_has_them_all():
     assert all(f"\n{name} " in asking_module.__doc__ for name in FIELDS if name != "hello")
+
+
+class Interrupted(threading.Condition):
+    """Ctrl-C comes when the lock is taken, before the ``with`` knows of it."""
+
+    def __enter__(self):
+        got = super().__enter__()
+        signal.raise_signal(signal.SIGINT)
+        return got
+
+
+def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypatch, tmp_path):
+    def presented(experiment, trial, sink, folder, began):
+        began(None)
+
+    monkeypatch.setattr(asking_module, "present", presented)
+    for what in ("_become", "_waited", "show"):
+        face, free = Asking(lambda text: None), []
+        face.pages.append(Page())
+        face._changed = Interrupted()
+        show = face.display(LONG, "null")
+        with pytest.raises(KeyboardInterrupt):
+            if what == "show":
+                monkeypatch.setattr(face, "_become", lambda *_, **__: None)
+                show(TRIAL, tmp_path)
+            else:
+                getattr(face, what)(*["wait"] * (what == "_become"))
+        thread = threading.Thread(target=lambda lock, free: free.append(lock.acquire(blocking=False)), args=(face._changed, free))
+        thread.start()
+        thread.join()
+        assert free == [True]
 
 
 def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
