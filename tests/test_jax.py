@@ -89,7 +89,7 @@ STATELESS = {name for name, cls in registry.items() if issubclass(cls, Map)} - {
 OWN = {name for name, cls in registry.items() if any(c in blockforms.LOWERINGS for c in cls.__mro__)}
 ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e) and e.cls in OWN - STATELESS}.values()
 ONES = {*ONES, "springpot_live", "springpot_contact", "track_contact", "maxwell_contact"}
-STEPS = {"bump_sine", "bump_table", "equalize", "friction", "loop_nested", "lut2_cubic", "mode", "tanh", "velocity", "wall"}
+STEPS = {"bump_sine", "bump_table", "equalize", "friction_live", "loop_nested", "lut2_cubic", "mode", "tanh", "velocity", "wall"}
 """Those that go the way of every block with a step; the others of them are stress."""
 
 

@@ -61,14 +61,19 @@ def deflection(limit, k):
 
 def softened(z, before, k):
     """z min(1, before/k): the deflection when the stiffness becomes k, so that energy never grows."""
-    return where(before < k, z * (before / k), z)
+    return where(before < k, z * over(before, k), z)
+
+
+def over(a, b):
+    """a/b, but a where b is 0, which is not used: a division by 0 that is not used makes a derivative nan all the same."""
+    return a / where(b == 0.0, 1.0, b)
 
 
 def relax(a):
     """exp(-a) and its mean (1 - exp(-a))/a over the way, a >= 0."""
     e = exp(-a)
     near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
-    return e, where(a < 0.01, near, (1.0 - e) / a)
+    return e, where(a < 0.01, near, over(1.0 - e, a))
 
 
 def averaging(fs, z, k, b=0.0):
@@ -123,7 +128,7 @@ class Coulomb(Friction):
         dx = where(s.cold > 0.0, 0.0, x - s.last)
         t = z + dx
         after, left = within(t, c), c - sign(dx) * z
-        slips = sign(dx) * (c - 0.5 * left * (left / abs(dx)))
+        slips = sign(dx) * (c - 0.5 * left * over(left, abs(dx)))
         return k * where(after == t, z + 0.5 * dx, slips), FrictionState(x, after, k, 0.0)
 
 
@@ -156,9 +161,9 @@ class ElastoPlastic(Friction):
         rest = held(b - u)  # of the elastic way
         e = where(a > rest, rest, a)
         flow, d = a - e, c - (u + e)
-        left, mean = relax(where(c > b, flow / (c - b), 0.0))
+        left, mean = relax(where(c > b, over(flow, c - b), 0.0))
         after = where(a > rest, c - d * left, u + a)
-        r = e / a
+        r = over(e, a)
         m = where(a <= rest, u + 0.5 * a, r * (u + 0.5 * e) + (1.0 - r) * (c - d * mean))
         return k * sign(dx) * m, FrictionState(x, sign(dx) * after, k, 0.0)
 
@@ -166,7 +171,7 @@ class ElastoPlastic(Friction):
 def drawn(z, c, dx):
     """dz = (1 - s z/c) dx along the way: z at its end and in the mean."""
     to = sign(dx) * c
-    left, mean = relax(where(c > 0.0, abs(dx) / c, 0.0))
+    left, mean = relax(where(c > 0.0, over(abs(dx), c), 0.0))
     return to + (z - to) * left, to + (z - to) * mean
 
 
@@ -307,10 +312,10 @@ class StickSlip(Friction):
         z = within(softened(s.z, s.k, k), c)
         dx = where(s.cold > 0.0, 0.0, x - s.last)
         t = z + dx
-        over = abs(t) - c
+        more = abs(t) - c
         sticks = where(q > TINY, 1.0, 0.0)
-        back = where(over > 0.0, (floor(over / q) + 1.0) * q, 0.0)  # by all slips
-        mean = z + 0.5 * dx - where(over > 0.0, sign(t) * (back * ((over - 0.5 * (back - q)) / abs(dx))), 0.0)
+        back = where(more > 0.0, (floor(over(more, q)) + 1.0) * q, 0.0)  # by all slips
+        mean = z + 0.5 * dx - where(more > 0.0, sign(t) * (back * over(more - 0.5 * (back - q), abs(dx))), 0.0)
         none = 0.0 * q  # where nothing can stick
         after = where(sticks > 0.0, within(t - sign(t) * back, c), none)
         return k * where(sticks > 0.0, mean, none), FrictionState(x, after, k, 0.0)
