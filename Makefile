@@ -47,14 +47,15 @@ test-lowest: .venv-lowest/ready
 	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
 
 LONGER = -m 'stress or longer or hypothesis'
+ALONE = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
 
 # The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
-# channels, in real time and so alone.
+# channels, in real time and so alone.  Three workers for the rest: one of them watches a page for ten minutes.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) tests/devices
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 2 --dist loadgroup $(LONGER) --ignore tests/devices
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(ALONE)
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 3 --dist loadgroup $(LONGER) $(ALONE:%=--ignore=%)
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.
