@@ -6,7 +6,7 @@ ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest stress soak randomness lint docs bench lock clean
+.PHONY: demo test test-lowest stress stress-real-time stress-rest soak randomness lint docs bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -47,16 +47,21 @@ test-lowest: .venv-lowest/ready
 	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
 
 LONGER = -m 'stress or longer or hypothesis'
-ALONE = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
+REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
 
 # The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
-# channels, in real time and so alone.  Three workers for the rest: one of them watches a page for ten minutes.
+# channels, in real time: the rest is done meanwhile by what they leave of the processor.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready
 	@sh tests/devices/install.sh
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(ALONE)
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q -n 3 --dist loadgroup $(LONGER) $(ALONE:%=--ignore=%)
+	@$(MAKE) -k -j 2 stress-real-time stress-rest
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
+
+stress-real-time:
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(REAL_TIME)
+
+stress-rest:
+	STIMLIB_STRESS=1 $(ENV) nice -n 19 $(BIN)/python -m pytest -q -n 3 --dist loadgroup $(LONGER) $(REAL_TIME:%=--ignore=%)
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.
 randomness: .venv/ready

@@ -161,11 +161,11 @@ class Take:
         self.frames = capture.frames[:, : len(s.map)].copy()
         self.index = capture.times[: len(self.frames)] - s.pump.read("ORIGIN")
 
-    def accounted(self):
+    def accounted(self, missed=0):
         """captured + reported lost = produced, and every sample captured is the one of its time.
 
-        False where the capturing client itself has missed a cycle, as its own times tell, or where the server went on without
-        us and played what it had: nothing can be said then.
+        False where the capturing client itself has missed more frames than that, as its own times tell, or where the server
+        went on without us and played what it had: nothing can be said then.
         """
         log, report = self.log, self.report
         produced = report.produced
@@ -180,19 +180,20 @@ class Take:
         captured = np.zeros(produced, bool)
         captured[self.index[inside]] = True
         old = ~delivered[self.index[inside]]
-        if self.frames[inside][old].any() or not np.array_equal(captured & delivered, delivered):
+        unseen = (delivered & ~captured).sum()
+        if self.frames[inside][old].any() or unseen > missed:
             return False
-        assert (captured & delivered).sum() + report.lost == produced
+        assert (captured & delivered).sum() + unseen + report.lost == produced
         assert np.array_equal(self.frames[inside][~old], whole[self.index[inside]][~old]), "what was captured"
         assert not self.frames[~inside].any(), "silent before and after"
         return True
 
 
-def taken(make):
+def taken(make, missed=0):
     """A take that can be judged, of several: this machine is shared, and the capturing client may be late too."""
     for _ in range(5):
         take = make()
-        if take.accounted():
+        if take.accounted(missed):
             return take
     unjudged("the capturing client was late in each of 5 takes")
 
@@ -546,7 +547,7 @@ def test_freewheel_is_exact_everywhere(fs, block):
 
 @pytest.mark.stress
 def test_a_minute_in_real_time_is_accounted(server):
-    take = taken(lambda: real_time(60.0, server, stall_at=20.0))
+    take = taken(lambda: real_time(60.0, server, stall_at=20.0), missed=FS)  # by the client that captures, in a minute
     assert take.report.produced == 60 * FS and take.report.lost > 0.25 * FS
     print(take.report)
 
