@@ -227,7 +227,7 @@ def check_independence(scene, fs, seed, x, sets):
             assert_same(got[list(outputs).index(name)], y[name], f"{name} among {list(outputs)}")
 
 
-GRAPHS = 200 if "STIMLIB_STRESS" in os.environ else 40  # each is compiled anew
+GRAPHS = 120 if "STIMLIB_STRESS" in os.environ else 40  # each is compiled anew
 
 
 @pytest.mark.longer
