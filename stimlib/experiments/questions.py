@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses as dc
 from contextlib import suppress
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ..core.fields import number
 from ..errors import BadValue
+
+if TYPE_CHECKING:
+    import numpy as np
 
 KINDS = ("choice", "rating", "ranking", "places")
 NONE = "n"
