@@ -79,8 +79,8 @@ def python_blocks() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", python_blocks())
-def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch):
-    """By itself, with its own imports, and nothing is raised; on no device in the place of one."""
+def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
+    """By itself, with its own imports: nothing is raised, and nothing complains; on no device in the place of one."""
     monkeypatch.chdir(tmp_path)
 
     def quiet(scene, safety, *, name=None, **options):
@@ -91,6 +91,7 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch):
     level = logging.getLogger("stimlib").level
     exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
     logging.getLogger("stimlib").setLevel(level)
+    assert "Traceback" not in capsys.readouterr().err, "an error in a thread or a child"
 
 
 def test_programs_that_pages_show_have_their_imports(tmp_path):
