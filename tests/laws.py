@@ -1,13 +1,22 @@
-"""What the laws are made of: runs in cuts, comparisons of bits, and the guard written a second time."""
+"""What the laws are made of: runs in cuts, comparisons of bits, and the guard written a second time; what is left to stress."""
 
 from __future__ import annotations
 
 import dataclasses as dc
+import os
 
 import numpy as np
+import pytest
 
 import stimlib
 from stimlib.core.graph import kind
+
+STRESS = "STIMLIB_STRESS" in os.environ
+
+
+def mostly(chosen, whole):
+    """Parameters of a test: what is chosen of the whole, and as stress the rest."""
+    return [v if v in chosen else pytest.param(v, marks=pytest.mark.stress) for v in whole]
 
 
 def bits(a):

@@ -165,6 +165,7 @@ def test_a_loss_and_an_optimiser_of_ones_own():
 
 
 # Spectra and levels --------------------------------------------------------------------------------------------------
+@pytest.mark.stress
 def test_levels_of_noise_from_a_recording_of_other_noise():
     """16 s hold 61 segments, so ln of a level scatters by about 0.01; differences of less than four of that pass."""
     recorded = stimlib.render(noisy, {}, FS, 16.0, {"a": 3.0, "p": 0.3}, seed=5).y[0]

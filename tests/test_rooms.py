@@ -1,6 +1,7 @@
 """The rooms of the house: imports point one way, and nobody takes what a module of another room keeps for itself."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ ORDER = [*ROOMS.split(), "__main__"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
 
 
+@cache
 def imports(module: str) -> set[tuple[str, str]]:
     """(module, name) of everything that a module imports of stimlib, also inside functions and for type checkers."""
     found = set()

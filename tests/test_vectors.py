@@ -13,7 +13,6 @@ import stimlib
 from stimlib import Input, Param, Scene
 from stimlib import blocks as b
 
-STRESS = bool(os.environ.get("STIMLIB_STRESS"))
 TEXT = """
 import sys
 sys.path.insert(0, "tests")
@@ -26,8 +25,6 @@ def scene():
     y, u = Input("y", "m"), Input("u")
     noise = b.differentiator(b.pink_noise(0.3, seed=4, f_low=5.0), passband=300.0, order=102)
     force = b.springpot(y, 10.0, 0.5, scheme="l1", tol=1e-12)
-    if not STRESS:
-        return Scene({"n": noise, "f": force, "e": u / (1.0 + u * u)})
     force = force + b.springpot(y, 10.0, Param("alpha", 0.4), tol=1e-10)
     touch = b.bump(u, "sine", 0.3) * b.carrier(Param("f", 220.0, "Hz")) + b.bump(u, "sawtooth", 0.3)
     return Scene({"n": noise, "f": force, "t": touch, "v": b.velocity(y), "e": b.exp(u) / (1.0 + u * u)})
@@ -43,8 +40,8 @@ def said():
     return f"{widest} {hashlib.sha256(np.concatenate(parts, axis=1).tobytes()).hexdigest()}"
 
 
-@pytest.mark.parametrize("bits", ["128", "256"] if STRESS else ["256"])
-@pytest.mark.longer
+@pytest.mark.stress
+@pytest.mark.parametrize("bits", ["128", "256"])
 def test_narrow_vectors_give_the_same_bits(bits, tmp_path):
     env = os.environ | {"STIMLIB_VECTOR_BITS": bits, "STIMLIB_CACHE": str(tmp_path / "cache")}
     (tmp_path / "cache").mkdir(mode=0o700)

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from laws import mostly
 from scipy.interpolate import RectBivariateSpline
 
 import stimlib
@@ -104,7 +105,7 @@ BUMP_X = np.linspace(-0.03, 0.03, 97)
 BUMP = np.repeat(np.exp(-((BUMP_X / 0.005) ** 2) / 2)[None], 2, 0), 0.06, 0.01
 
 
-@pytest.mark.parametrize("fs", [30.0, 60.0, 1000.0, 8000.0])
+@pytest.mark.parametrize("fs", mostly({60.0}, [30.0, 60.0, 1000.0, 8000.0]))
 def test_the_reversible_cursor_is_within_its_bound_and_leads_back(fs):
     from scipy.integrate import quad
 
