@@ -166,7 +166,8 @@ def _wall_of(e: Evidence, x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarra
     k, b, at = (signal(e, v) for v in (w.k, w.b, w.at))
     if signal(e, w.c).any():
         raise StopIteration("a wall whose damping grows with the depth")
-    return wall(x, contact, e.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
+    force = wall(x, contact, e.fs, np.maximum(k, 0), np.maximum(b, 0), at)  # below 0 they count as 0
+    return force, f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
 
 
 def wall_law(e: Evidence) -> list[Check]:
