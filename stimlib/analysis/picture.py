@@ -10,7 +10,7 @@ import html
 import io
 import os
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -115,12 +115,16 @@ def save(drawn: Figure, path: str | os.PathLike) -> None:
     regular.publish(path, data.getvalue())
 
 
-def check_place(path: str | os.PathLike) -> None:
+def check_place(path: str | os.PathLike, what: str = "picture", formats: Sequence[str] = FORMATS) -> None:
     """Raise what ``picture`` would of a path, before there is anything to draw.
 
     Parameters
     ----------
     path : str or Path
+    what : str
+        What is to be written.
+    formats : sequence of str
+        Suffixes that it may have.
 
     Raises
     ------
@@ -135,11 +139,11 @@ def check_place(path: str | os.PathLike) -> None:
     stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must end in one of .png, .svg, .pdf
     """
     if os.path.isdir(path):
-        raise SinkError(f"cannot write the picture {path}: it is a folder")
-    if Path(path).suffix.lower() not in FORMATS:
-        raise SinkError(f"cannot write the picture {path}: its name must end in one of {', '.join(FORMATS)}")
+        raise SinkError(f"cannot write the {what} {path}: it is a folder")
+    if Path(path).suffix.lower() not in formats:
+        raise SinkError(f"cannot write the {what} {path}: its name must end in one of {', '.join(formats)}")
     if not Path(path).absolute().parent.is_dir():
-        raise SinkError(f"cannot write the picture {path}: the folder {Path(path).parent} is not there; make it first")
+        raise SinkError(f"cannot write the {what} {path}: the folder {Path(path).parent} is not there; make it first")
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:

@@ -86,11 +86,16 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
     for name, law in e.wanted.items():
         want, apart = law()
         y = e.y[list(e.scene.outputs).index(name)]
+        if y.size < 2:
+            continue  # one sample has no line but its mean, which is left out
         size = min(8192, y.size)
-        f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
-        # a difference of so much at every sample, with a sign that alternates: no other has a higher line under the Hann window
-        most = np.sqrt(apart**2 * size / 1.5 / e.fs)
-        low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
+        with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
+            f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
+            # of so much at every sample, with a sign that alternates: no other difference has a higher line under the Hann window
+            most = np.sqrt(np.square(apart) * size / 1.5 / e.fs)
+            low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
+        if not np.isfinite([measured, high]).all():
+            continue
         unit = str(e.scene.outputs[name].dim)
         found[name] = Against(f"spectrum of {name}, and of its law", unit, *(a[1:] for a in (f, measured, model, low, high)))
     return found

@@ -7,15 +7,18 @@ import html
 import json
 import platform
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from importlib.metadata import version
 
 import numpy as np
 
-from ..errors import shown
+from ..core.definitions import definitions
+from ..errors import BadValue, shown
 from ..files.sidecar import describe, sidecar_of
+from ..motion.text import parse_motion
 from .evidence import ALARM, Check, Evidence
 from .figures import figures
-from .power import Shows
+from .power import OF_IT, Shows
 from .scenes import WORDS
 
 GROUPS = {
@@ -103,7 +106,7 @@ def _spec(m: object) -> str:
 
 def _model(checks: list[Check], e: Evidence) -> str:
     """The law of the scene in words, its numbers, and the law of each block."""
-    said = WORDS.get(e.scene.law or "", "No law of the whole scene is known; its blocks have these.")
+    said = WORDS.get(e.scene.law or "", "No law of the whole scene is known; these of its blocks are.")
     blocks = dict.fromkeys(f"{c.name.split(':')[0]}: {c.text}" for c in checks if c.group == "a2")
     return f"<p>{_q(said)}</p>{items([*e.numbers, *blocks])}"
 
@@ -111,14 +114,19 @@ def _model(checks: list[Check], e: Evidence) -> str:
 def _certainty(found: list[Shows]) -> str:
     rows = []
     for s in found:
-        size = f"{s.size:.3g} {s.unit}" if s.size == s.size else "none, however large"
+        none = "none, up to all of it" if s.unit == OF_IT else "none, however large"
+        size = f"{s.size:.3g} {s.unit}" if s.size == s.size else none
         rows.append(f'<tr><td>{_q(s.check)}</td><td>{_q(s.kind)}</td><td class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>')
+    asked = (
+        " The law of the scene was asked again with each of its parameters smaller: by the part that stands here, and it refuses "
+        "these samples."
+    )
+    asked = asked if any(s.unit == OF_IT for s in found) else ""
     head = "<tr><th>check</th><th>what is wrong</th><th>smallest that is seen</th><th>how surely</th></tr>"
     return (
         f"<p>All checks but those of chance are exact: what passes their limit is seen, always. Spectra, independence and slopes "
         f"are of chance. Together they refuse one correct rendering in {1 / ALARM:.0f}, and an error of the size below they see "
-        f"in this recording with 95 % or more. The law of the scene was asked again with each of its parameters smaller: by the "
-        f"part that stands here, and it refuses these samples.</p><table>{head}{''.join(rows)}</table>"
+        f"in this recording with 95 % or more.{asked}</p><table>{head}{''.join(rows)}</table>"
         f'<p class="small">Checks of chance are given as -log10 p.</p>'
     )
 
@@ -134,6 +142,7 @@ def _reproduced(e: Evidence, command: str | None) -> str:
         "motion, as sampled": f"{_sha256(e.x.T)} (float64, a row for each sample)",
         "signal": f"{signal} (float64, a row for each sample, before it is stored)",
         **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
+        **{f"own blocks of {m}": d["sha256"] for m, d in definitions(e.scene).items()},
         "versions": ", ".join(f"{p} {v}" for p, v in used.items()),
         "computer": f"Python {platform.python_version()}, {platform.system()}, {platform.machine()}",
     }
@@ -160,20 +169,32 @@ def _beside(e: Evidence) -> str:
     if e.path is None:
         return ""
     name, beside = _q(e.path.name), _q(sidecar_of(e.path).name)
+    own = ", ".join(f"<code>{_q(m)}</code>" for m in definitions(e.scene))
+    import_ = f" Import what defines the scene's own blocks, with the hash below, by <code>--import</code>: {own}." if own else ""
     return (
         f"<p>Lay two files side by side in one folder: <code>{name}</code>, and its sidecar <code>{beside}</code>, which has "
         "scene, parameters, seed and motion. Without its sidecar the file proves nothing. A motion that is a recording is a "
-        "file of its own, which is looked for at the path above, or given by <code>--motion</code>.</p>"
+        f"file of its own, which is looked for at the path above, or given by <code>--motion</code>.{import_}</p>"
     )
+
+
+def _has_text(m: object) -> bool:
+    """Whether a motion is made again by its text: a function of one's own is not, nor is an array."""
+    text = describe(m) if callable(m) else ""
+    with suppress(BadValue):
+        return text.startswith("recording(") or callable(parse_motion(text))
+    return False
 
 
 def _program(e: Evidence, signal: str) -> str:
     """Python that makes the same samples, where neither arrays nor later changes are needed for it."""
-    if any(c.at or c.ramp * e.fs > 1 for c in e.changes) or not all(callable(m) for m in e.motion.values()):
-        return "<p>The samples need the motion and the changes of parameters as they were: they are in the file or the log.</p>"
+    own = definitions(e.scene)
+    if "__main__" in own or any(c.at or c.ramp * e.fs > 1 for c in e.changes) or not all(map(_has_text, e.motion.values())):
+        return "<p>No text here makes the samples again: they need motion, changes of parameters and blocks as they were.</p>"
     motion = ", ".join(f"{n!r}: parse_source({describe(m)!r})" for n, m in e.motion.items())
     lines = (
         "import hashlib, stimlib",
+        *(f"import {m}  # own blocks of the scene" for m in own),
         "from stimlib.motion.recorded import parse_source",
         'scene = stimlib.load("scene.json")  # the text at the end of this page',
         f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r}, {e.params!r}, {e.seed})",

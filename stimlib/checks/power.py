@@ -18,10 +18,14 @@ from .noise import pairs
 from .scenes import SCENES, scene_law
 
 CHANCE = 0.95
+OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check sees with this probability; a size of nan: none, however large."""
+    """The smallest error of one kind that a check sees with this probability; a size of nan: none, however large.
+
+    Of a parameter in the law of a scene, nan is none up to the parameter itself: of a larger value nothing is said.
+    """
 
     check: str
     kind: str
@@ -181,7 +185,7 @@ def of_parameters(e: Evidence) -> list[Shows]:
     if e.scene.law not in SCENES:
         return []
     names = [name for name, value in e.params.items() if value]
-    return [Shows("law of the scene", name, _departure(e, name), "of it", 1.0) for name in names]
+    return [Shows("law of the scene", name, _departure(e, name), OF_IT, 1.0) for name in names]
 
 
 def _departure(e: Evidence, name: str) -> float:

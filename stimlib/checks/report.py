@@ -9,13 +9,15 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
-from ..analysis.picture import Against
+from ..analysis.picture import Against, check_place
 from ..core import regular
 from ..errors import shown
 from .evidence import Check, Evidence
 from .figures import spectra_of
 from .page import items, page, table_of
 from .power import Shows, certainty
+
+PAGES = (".html", ".htm")  # a page must not take the place of the sound file or its sidecar
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,6 +149,7 @@ class Report:
         Raises
         ------
         SinkError
-            The file cannot be written.
+            The file cannot be written, or has another suffix than .html or .htm.
         """
+        check_place(path, "page", PAGES)
         regular.publish(path, page(self.what(), self.checks, self.evidence, self.certainty(), command))

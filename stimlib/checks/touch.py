@@ -7,6 +7,7 @@ a complex recursion; nothing of a block's design or step is used.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import fmod
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from . import laws
 from .evidence import Check, Evidence, signal
 
 STILL = 1e-11  # of the unit of x: over so short a way a sinusoid is straight
+MANY = 10_000  # slips within one sample: their mean is taken at once
 TOL, LEAST = 1e-6, 1e-12  # of the largest value, or of LEAST if there is nothing larger
 
 
@@ -130,6 +132,9 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
         start, rest, tie = z, a, 0.0
         while rest > (room := c[n] - s * z):
             area, rest, z = area + room * (z + s * c[n]) / 2, rest - room, s * (c[n] - tooth)
+            if rest > MANY * tooth:  # teeth that are smaller than what the way can tell would never end
+                whole = rest - (fmod(rest, tooth) if tooth else 0.0)
+                area, rest = area + whole * s * (c[n] - tooth / 2), rest - whole
         area, z = area + rest * (z + s * rest / 2), z + s * rest
         if abs(abs(z) - c[n]) < 1e-9 * c[n]:
             tie = -np.sign(z) * tooth
@@ -166,7 +171,8 @@ def _wall_of(e: Evidence, x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarra
     k, b, at = (signal(e, v) for v in (w.k, w.b, w.at))
     if signal(e, w.c).any():
         raise StopIteration("a wall whose damping grows with the depth")
-    return wall(x, contact, e.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
+    force = wall(x, contact, e.fs, np.maximum(k, 0), np.maximum(b, 0), at)  # below 0 they count as 0
+    return force, f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
 
 
 def wall_law(e: Evidence) -> list[Check]:

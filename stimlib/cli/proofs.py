@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue, SinkError
+from ..errors import BadValue
 from . import options as opt
 from .app import command, end, print_json, print_wide
 from .motions import motions_of
@@ -34,7 +34,7 @@ def verify_(
     log: Annotated[
         Path | None, typer.Option(help="Instead, the log of a session; it has scene and motion.", show_default=False)
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Also write one self-contained HTML page, to attach to a paper.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Also write one self-contained page, .html, to attach to a paper.")] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
@@ -50,8 +50,11 @@ def verify_(
 
     [bold]stimlib verify --log monday.stimlog[/]
     """
-    if report is not None and not report.absolute().parent.is_dir():
-        raise SinkError(f"cannot write {report}: the folder {report.parent} is not there; make it first")
+    if report is not None:
+        from ..analysis.picture import check_place
+        from ..checks.report import PAGES
+
+        check_place(report, "page", PAGES)
     run_files(import_)
     from ..files.formats import FORMATS
 

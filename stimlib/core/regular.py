@@ -99,6 +99,37 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
         raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
+def alone(at: str | os.PathLike[str], path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
+    """A descriptor of ``at`` that this run alone holds, until it is closed or the process ends; what is written is ``path``.
+
+    ``at`` must be a name that belongs to stimlib, such as NAME.part, whose bytes are of no worth.
+    """
+    while True:
+        fd = opened(at, os.O_RDWR | os.O_CREAT, error)
+        if not held(fd):
+            os.close(fd)
+            raise error(f"cannot write {path}: it is being written by another run")
+        with suppress(FileNotFoundError):  # whoever had it just moved or removed it
+            if os.path.samestat(os.fstat(fd), os.lstat(at)):
+                return fd
+        os.close(fd)
+
+
+def held(fd: int) -> bool:
+    """Lock an open file; whether nobody else has it.  True where the system cannot tell."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system without locks
+    return True
+
+
 def publish(path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError) -> None:
     """Write a small file: it appears whole, is on the disk then, or is not there at all.
 
@@ -129,13 +160,14 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
     if not os.path.islink(path):  # which takes any name
         check(path, error)
     part = path.with_name(path.name + ".part")
-    fd = create(part, error)
+    fd = alone(part, path, error)
     try:
         with open(fd, "wb") as f:
+            f.truncate()
             f.write(data if isinstance(data, bytes) else data.encode())
             f.flush()
             os.fsync(f.fileno())
-        os.replace(part, path)
+            os.replace(part, path)  # while it is held: another run would take its name
         settle(path.parent)
     except BaseException as e:
         with suppress(OSError):

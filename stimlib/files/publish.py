@@ -241,7 +241,7 @@ def _clean(path: Path) -> None:
     """Remove what a run that failed left beside its place, if it is not another run's."""
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
-        if _lock(f):
+        if regular.held(f.fileno()):
             _remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
 
 
@@ -251,26 +251,5 @@ def _locked(path: Path) -> Iterator[Any]:
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:
         with disk(path):
-            while True:
-                f = stack.enter_context(open(regular.opened(sidecar, os.O_RDWR | os.O_CREAT), "r+b", buffering=0))
-                if not _lock(f):
-                    raise SinkError(f"{path} is being written by another run")
-                with suppress(FileNotFoundError):  # whoever had it just removed it
-                    if os.path.samestat(os.fstat(f.fileno()), os.lstat(sidecar)):
-                        break
+            f = stack.enter_context(open(regular.alone(sidecar, path), "r+b", buffering=0))
         yield f
-
-
-def _lock(f: Any) -> bool:
-    """Whether nobody else holds the file; True where the system cannot tell."""
-    try:
-        import fcntl
-    except ImportError:
-        return True
-    try:
-        fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True

@@ -4,18 +4,20 @@ import dataclasses as dc
 import hashlib
 import html
 import re
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy import stats
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import Block, Input, Scene
 from stimlib.checks import figures
 from stimlib.checks.evidence import Check
 from stimlib.checks.page import page
 from stimlib.checks.power import Shows
 from stimlib.checks.scenes import WORDS
+from stimlib.core.definitions import definitions
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.run.processor import Change
 
@@ -70,11 +72,54 @@ def test_an_error_that_is_never_seen_is_said_to_be_so(bumped, text_of):
     assert '<td>level</td><td class="n">0.25 dB</td><td>95%' in text and '<td class="n">none, however large</td>' in text
 
 
+def test_a_parameter_is_asked_up_to_all_of_it_and_only_where_there_is_a_law(bumped, text_of):
+    asked, nothing = "The law of the scene was asked again", Shows("law of the scene", "b", np.nan, "of it", 1.0)
+    text = text_of(bumped.evidence, certain=[nothing])
+    assert '<td class="n">none, up to all of it</td>' in text and asked in text  # three times b might be seen
+    assert asked not in text_of(bumped.evidence, certain=[Shows("a", "level", 0.25, "dB", 0.95)])
+
+
+@dataclass(frozen=True, eq=False)
+class Twice(Block):
+    """2 x."""
+
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return x + x, s
+
+
+def own_block(tmp_path, motion):
+    scene = Scene({"y": Twice(Input("x", "m"))})
+    stimlib.render(scene, {"x": motion}, 8000, 0.1).save(tmp_path / "a.wav", full_scale=1.0)
+    return stimlib.verify(scene, {"x": motion}, tmp_path / "a.wav")
+
+
+def test_blocks_of_ones_own_are_imported_hashed_and_said_to_be_unchecked(tmp_path, text_of, monkeypatch, capsys):
+    report = own_block(tmp_path, minimum_jerk())
+    text = text_of(report.evidence)
+    (told,) = definitions(report.evidence.scene).items()
+    assert f"<th>own blocks of {told[0]}</th><td>{told[1]['sha256']}" in text and f"<code>{told[0]}</code>.</p>" in text
+    assert [s for s in report.evidence.skipped if s.startswith("Twice(Input('x')): it states no response")]
+    _, program, scene = re.findall("<pre>(.*?)</pre>", text, re.DOTALL)
+    (tmp_path / "scene.json").write_text(scene)
+    monkeypatch.chdir(tmp_path)
+    assert f"\nimport {told[0]}" in program
+    exec(program, {})
+    assert capsys.readouterr().out.strip() == program.split("# ")[-1].strip()
+
+
+def test_no_program_is_claimed_of_a_function_of_ones_own(tmp_path, text_of):
+    text = text_of(own_block(tmp_path, lambda t: 0.01 * np.asarray(t)).evidence)
+    assert "parse_source" not in text and "No text here makes the samples again" in text
+
+
 @pytest.mark.parametrize("change", [Change(5, "A", 2.0, 0.0), Change(0, "A", 2.0, 0.1)], ids=["later", "with a ramp"])
 def test_changes_are_told_and_then_no_program_makes_the_samples(bumped, text_of, change):
     text = text_of(dc.replace(bumped.evidence, changes=[change] * 22))
     assert text.count(f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s") == 20 and "; and 2 more" in text
-    assert "import hashlib" not in text and "they are in the file or the log" in text
+    assert "import hashlib" not in text and "No text here makes the samples again" in text
     assert "import hashlib" in text_of(bumped.evidence) and "changes of parameters</th>" not in text_of(bumped.evidence)
 
 

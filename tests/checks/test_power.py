@@ -17,6 +17,7 @@ from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.scenes import SCENES, WORDS
 from stimlib.cli import app
+from stimlib.errors import SinkError
 from stimlib.motion.generators import minimum_jerk, sinusoid
 
 ROOT = Path(__file__).parents[2]
@@ -178,6 +179,19 @@ def test_every_law_has_its_words():
 def test_a_page_that_has_no_place_is_refused_before_anything_is_verified(tmp_path):
     done = CliRunner().invoke(app, ["verify", "none.wav", "--report", str(tmp_path / "missing" / "a.html")])
     assert done.exit_code == 2 and "is not there; make it first" in " ".join(done.stderr.split())
+
+
+def test_a_page_takes_no_place_of_the_file_that_it_is_about(tmp_path):
+    data, motion = b"sound", {"x": np.ones(10)}
+    scene = stimlib.Scene({"y": 2 * stimlib.Input("x")})
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
+    for name in ("a.wav", "a.wav.json", "hand.csv"):
+        (tmp_path / name).write_bytes(data)
+        done = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), "--report", str(tmp_path / name)])
+        assert done.exit_code == 2 and "must end in one of .html, .htm" in " ".join(done.stderr.split())
+        with pytest.raises(SinkError, match="must end in one of"):
+            report.to_html(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == data
 
 
 def test_errors_of_a_spectrum_are_in_their_units():

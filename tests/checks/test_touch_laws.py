@@ -126,3 +126,17 @@ def test_a_report_says_what_was_rendered():
     ):
         said = "; ".join(report(name).evidence.numbers)
         assert text in said, said
+
+
+@pytest.mark.parametrize("name", ["k", "b"])
+def test_a_wall_whose_parameter_is_below_0_is_proved_as_one_of_0(name):
+    motion = {"x": sinusoid(0.01, 1.0)}
+    r = stimlib.verify(wall(), motion, stimlib.render(wall(), motion, 8000, 0.1, {name: -1.0}))
+    assert r.passed, str(r)
+
+
+@pytest.mark.parametrize("normal", [1e-320, 1e-200, 1e-9])
+def test_slips_without_number_end(normal):
+    motion = {"x": sinusoid(0.01, 1.0)}
+    r = stimlib.verify(friction(), motion, stimlib.render(friction(), motion, 8000, 0.05, {"normal": normal}))
+    assert r.passed, str(r)

@@ -14,7 +14,7 @@ from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pin
 from stimlib.checks import verify
 from stimlib.checks.evidence import Check
 from stimlib.files import audio as file
-from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold
+from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 
@@ -145,6 +145,21 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     exec(program, {})
     assert capsys.readouterr().out.strip() == program.split("# ")[-1].strip()  # the hash of the signal, made again
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_one_sample_has_a_page(tmp_path):
+    scene, motion = stimlib.scenes.wall(), {"x": sinusoid(0.01, 1.0)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 1 / 8000))
+    report.to_html(tmp_path / "a.html")
+    assert report.passed and report.spectra() == {} and "1 samples at" in (tmp_path / "a.html").read_text()
+
+
+@pytest.mark.parametrize("k", [1e200, 1e308])
+def test_forces_whose_squares_are_too_large_have_a_page(tmp_path, k):
+    scene, motion = stimlib.scenes.wall(k=k), {"x": sinusoid(0.01, 1.0)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.1))
+    report.to_html(tmp_path / "a.html")
+    assert report.passed and report.spectra() == {} and "How to reproduce it" in (tmp_path / "a.html").read_text()
 
 
 def test_a_report_that_cannot_be_written(tmp_path):

@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -279,6 +280,39 @@ def test_names_that_no_file_can_have(tmp_path, name):
         with pytest.raises(StimlibError) as info:
             call()
         assert len(str(info.value)) < 30_000 and "\0" not in str(info.value) and "\ud800" not in str(info.value)
+
+
+def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
+    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
+    fd = regular.alone(part, path)
+    os.write(fd, b"half")
+    with pytest.raises(SinkError, match="is being written by another run"):
+        regular.publish(path, "whole")
+    assert not path.exists() and part.read_bytes() == b"half"
+    os.close(fd)  # as when it was killed
+    regular.publish(path, "all")
+    assert path.read_text() == "all" and not part.exists()
+
+
+def test_of_two_that_write_one_small_file_a_reader_sees_whole_ones(tmp_path):
+    """Also where each finds the other at it: then it says so, and not that there is no folder."""
+    path, size, said, half = tmp_path / "a.html", 3_000_000, [], 0
+
+    def write_it(letter):
+        for _ in range(20):
+            try:
+                regular.publish(path, letter * size)
+            except SinkError as e:
+                said.append(str(e))
+
+    with ThreadPoolExecutor(2) as pool:
+        jobs = [pool.submit(write_it, letter) for letter in "ab"]
+        while not all(job.done() for job in jobs):
+            data = path.read_bytes() if path.exists() else b"a" * size
+            half += len(data) != size or len(set(data)) != 1
+        for job in jobs:
+            job.result()
+    assert half == 0 and all("another run" in text for text in said)
 
 
 # -- files that say too much
