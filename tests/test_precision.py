@@ -181,6 +181,15 @@ def test_the_line_of_a_problem():
     assert r.other is None and math.isnan(r.times)
 
 
+def test_a_problem_in_which_all_of_ours_failed_keeps_its_line():
+    """It ended the table with a traceback, after minutes of measuring."""
+    rows = [Point("pulses", "stimlib a", "1", math.nan, math.nan, "why"), Point("pulses", "scipy", "8", 1e-7, 6.0)]
+    (line,) = best(rows)
+    assert (line.ours, line.other, line.reached) == (*rows, False) and math.isnan(line.times)
+    assert precision.summary([line])[0][4:] == ("stimlib a 1", "nan", "nan", "scipy 8", "1.0e-07", "6")
+    assert best(rows[:1])[0].ours is rows[0] and precision.table(rows).row_count == 1
+
+
 def test_the_command(tmp_path, monkeypatch):
     tiny = Problem("tiny", "a tiny problem", "error", 10, lambda: [Method("stimlib", "1", lambda: None, lambda: 0.5)])
     monkeypatch.setattr(precision, "problems", lambda only=(): [tiny])
