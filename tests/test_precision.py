@@ -2,10 +2,14 @@
 
 import csv
 import importlib.util
+import json
 import math
 import os
 import re
+import runpy
+import shutil
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +23,7 @@ from stimlib.errors import SinkError, UnknownName
 from stimlib.run.processor import compile
 from stimlib.speed import precision
 from stimlib.speed.precision import Method, Point, Problem, best, measure, on, problems
+from stimlib.speed.problems import noise
 
 ROOT = Path(__file__).parents[1]
 RECORDED = ROOT / "benchmarks" / "work_precision"
@@ -41,6 +46,9 @@ def test_errors_are_those_that_were_recorded(problem):
     """And every rung that says a tolerance keeps it; JAX, which compiles long, at length only."""
     methods = [m for m in problem.methods() if STRESS or "JAX" not in m.family]
     points = measure(problem._replace(methods=lambda: methods), timed=False)
+    if (made := methods[0].job()) is not None:  # it has as many samples as its time is divided by, or is as long
+        rate = float(methods[0].knob) / 1000 if problem.per == "a millisecond" else 1.0
+        assert np.size(made) == pytest.approx(rate * problem.samples, rel=3e-3)
     known = recorded(problem.name)
     assert {(p.family, p.knob) for p in points} <= known.keys()
     for p in points:
@@ -79,6 +87,10 @@ def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded():
             assert any(abs(p.error / error - 1) < 0.1 and abs(p.ns / ns - 1) < 0.1 for p in KEPT if p.error > 0), cells
 
 
+def test_a_response_begins_at_its_impulse():
+    np.testing.assert_allclose(precision.response(lambda x: 2 * x, 8, at=3), 2 * np.ones(5), rtol=1e-15)
+
+
 def bad(knob):
     raise ValueError("a package that fails")
 
@@ -110,6 +122,28 @@ def test_each_method_has_its_own_time_in_ns_for_a_sample(monkeypatch):
     assert (failed.failed, a.failed) == ("not finite", "") and math.isnan(failed.error) and math.isnan(failed.ns)
 
 
+def test_time_is_what_this_process_computes():
+    """Not what the machine does meanwhile, or a job that waits."""
+    p = Problem("p", "", "", 1, lambda: [Method("m", "", partial(time.sleep, 0.03), lambda: 1.0)])
+    assert measure(p, rounds=1)[0].ns < 0.02e9
+
+
+def test_the_chain_streams_as_many_samples_as_its_time_is_divided_by(monkeypatch):
+    """Its job gives nothing back that could be counted."""
+    streamed = []
+    monkeypatch.setattr(noise, "puller", lambda scene, samples, fs: streamed.append((samples, fs)))
+    monkeypatch.setattr(noise, "own", lambda *_: lambda knob: None)
+    noise.chain()
+    (chain,) = problems(["chain"])
+    assert set(streamed) == {(chain.samples, noise.FS)}
+
+
+@pytest.mark.parametrize(("dtype", "number"), [("float64", float), ("float32", np.float32)])
+def test_on_jax_a_row_has_the_digits_that_it_says(dtype, number):
+    f = precision.own(lambda x, k: k * x, 1000.0, dtype=dtype)(0.1)
+    assert f(np.ones(2)).tolist() == [float(number(0.1))] * 2
+
+
 def test_a_method_of_stimlib_begins_at_sample_0_each_time(monkeypatch):
     monkeypatch.setattr(precision, "compile", partial(compile, target="python"))
     f = precision.own(lambda x, n: delay(x, n), 1000.0)(2)
@@ -126,6 +160,7 @@ def test_the_table_has_our_figures_and_theirs():
 
 def test_the_line_of_a_problem():
     rows = [
+        Point("p", "stimlib a", "0", math.nan, math.nan, "why"),
         Point("p", "stimlib a", "1", 1e-3, 1.0),
         Point("p", "stimlib a", "2", 1e-6, 2.0),
         Point("p", "stimlib on JAX", "2", 1e-9, 1.0),
@@ -144,6 +179,15 @@ def test_the_line_of_a_problem():
     assert (p.ours.knob, p.other.family, p.other.knob, p.reached, p.times) == ("2", "numpy", "1", True, 3.0)
     assert (q.other.family, q.reached, q.times) == ("near", False, 2.0)
     assert r.other is None and math.isnan(r.times)
+
+
+def test_a_problem_in_which_all_of_ours_failed_keeps_its_line():
+    """It ended the table with a traceback, after minutes of measuring."""
+    rows = [Point("pulses", "stimlib a", "1", math.nan, math.nan, "why"), Point("pulses", "scipy", "8", 1e-7, 6.0)]
+    (line,) = best(rows)
+    assert (line.ours, line.other, line.reached) == (*rows, False) and math.isnan(line.times)
+    assert precision.summary([line])[0][4:] == ("stimlib a 1", "nan", "nan", "scipy 8", "1.0e-07", "6")
+    assert best(rows[:1])[0].ours is rows[0] and precision.table(rows).row_count == 1
 
 
 def test_the_command(tmp_path, monkeypatch):
@@ -173,6 +217,70 @@ def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkey
     (tmp_path / "b.csv").mkdir()
     with pytest.raises(SinkError, match="cannot write .*b.csv"):
         precision.record([], tmp_path / "b.csv")
+
+
+def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(tmp_path, monkeypatch):
+    ran = []
+    one = Problem("one", "", "", 10, lambda: [Method("stimlib", "", lambda: ran.append("job"), lambda: 0.5)])
+    monkeypatch.setattr(precision, "problems", lambda only: [one])
+    with pytest.raises(SinkError):
+        precision.regenerate(tmp_path / "missing", shown=False)
+    assert not ran
+    precision.regenerate(tmp_path, rounds=2, shown=False)
+    assert ran == ["job"] * 3
+
+
+def test_the_picture_has_errors_below_and_times_at_the_left(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(precision, "save", lambda fig, path: drawn.append(fig))
+    points = [
+        Point("p", "stimlib a", "1", 1e-3, 50.0),
+        Point("p", "stimlib a", "2", 0.0, 80.0),
+        Point("p", "scipy", "8", 1e-5, 9.0),
+        Point("p", "scipy", "9", math.nan, math.nan, "why"),
+        Point("p", "broken", "", math.nan, math.nan, "why"),
+    ]
+    precision.picture(Problem("p", "a problem", "error, m", 10, list, "a millisecond"), points, "a.svg")
+    (ax,) = drawn[0].axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("error, m", "ns a millisecond") and ax.get_title("left") == "a problem"
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    families = {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_marker() != "x"}
+    assert families == {"stimlib a": [[1e-3, 50.0], [precision.FLOOR, 80.0]], "scipy": [[1e-5, 9.0]]}
+    assert [line.get_color() for line in ax.lines if line.get_marker() == "x"] == ["C1", "C2"]  # what failed
+    knobs = {(text.get_text(), *text.xy) for text in ax.texts}
+    assert knobs == {("1", 1e-3, 50.0), ("2", precision.FLOOR, 80.0), ("8", 1e-5, 9.0)}
+
+
+def test_the_command_measures_what_is_asked_for_and_tells_all_of_it(tmp_path, monkeypatch):
+    points, asked = [Point("p", "stimlib", "1", 1e-3, 50.0), Point("p", "scipy", "8", 1e-5, 9.0, "why")], []
+    monkeypatch.setattr(precision, "regenerate", lambda *given: asked.append(given) or points)
+    done = CliRunner().invoke(app, ["bench", "--work-precision", str(tmp_path), "--only", "a", "--only", "b", "--json"])
+    assert json.loads(done.stdout) == [p._asdict() for p in points]
+    assert [(str(folder), list(only)) for folder, only in asked] == [(str(tmp_path), ["a", "b"])]
+
+
+def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_recorded(tmp_path, monkeypatch):
+    script, summary = tmp_path / "benchmarks" / "work_precision.py", tmp_path / "docs" / "explanation" / "work_precision.csv"
+    kept = script.with_suffix("")
+    for folder in (kept, summary.parent):
+        folder.mkdir(parents=True)
+    shutil.copy(ROOT / "benchmarks" / "work_precision.py", script)
+    for name in ("arm", "pink"):
+        shutil.copy(RECORDED / f"{name}.csv", kept)
+    asked = []
+    monkeypatch.setattr(precision, "regenerate", lambda folder, only: asked.append((folder, only)) or KEPT[:1])
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *_: None, raising=False)
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    for words in ([], ["--record"]):
+        assert not summary.exists()
+        monkeypatch.setattr("sys.argv", ["work_precision.py", "--only", "arm", *words])
+        runpy.run_path(str(script), run_name="__main__")
+    assert [folder == kept for folder, _ in asked] == [False, True] and {tuple(only) for _, only in asked} == {("arm",)}
+    with summary.open(newline="") as f:
+        assert [tuple(row) for row in csv.reader(f)] == precision.summary(best(precision.recorded(kept)))
+    assert [line.partition(",")[0] for line in summary.read_text().splitlines()] == ["pink", "arm"]
 
 
 def test_names_of_problems():

@@ -79,7 +79,7 @@ def table_of(checks: list[Check]) -> str:
             numbers = f'<td class="n">{c.measured:.3g}</td><td class="n">{c.limit:.3g}</td>'
             rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
     head = "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
-    return f"<table>{head}{''.join(rows)}</table>"
+    return f'<table>{head}{"".join(rows)}</table><p class="small">Checks of chance are given as -log10 p.</p>'
 
 
 def _displayed(e: Evidence) -> dict[str, str]:
@@ -127,14 +127,13 @@ def _certainty(found: list[Shows]) -> str:
         f"<p>All checks but those of chance are exact: what passes their limit is seen, always. Spectra, independence and slopes "
         f"are of chance. Together they refuse one correct rendering in {1 / ALARM:.0f}, and an error of the size below they see "
         f"in this recording with 95 % or more.{asked}</p><table>{head}{''.join(rows)}</table>"
-        f'<p class="small">Checks of chance are given as -log10 p.</p>'
     )
 
 
 # Reproduction ------------------------------------------------------------------------------------------------------------
 def _reproduced(e: Evidence, command: str | None) -> str:
     """What to install and to lay where, commands, hashes, versions, and the scene as a file."""
-    used = {p: version(p) for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "matplotlib")}
+    used = {p: version(p) for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "soundfile", "matplotlib")}
     again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
     signal = _sha256(e.y.T)
     rows = {

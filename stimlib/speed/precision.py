@@ -279,7 +279,7 @@ class Best(NamedTuple):
 def best(points: Iterable[Point]) -> list[Best]:
     """One line for each problem, of the processor's points: what runs on JAX is neither ours nor another's.
 
-    Where the knob is part of what is asked, both have the same.
+    Where the knob is part of what is asked, both have the same.  Where all of ours failed, one of them stands there, with nan.
 
     Examples
     --------
@@ -289,11 +289,11 @@ def best(points: Iterable[Point]) -> list[Best]:
     [('numpy', True, 4.0)]
     """
     found, asked = [], {p.name for p in problems() if p.asked}
-    points = [p for p in points if not p.failed]
+    points = [p for p in points if not p.failed or p.family.startswith("stimlib")]
     for name in dict.fromkeys(p.problem for p in points):
         own = [p for p in points if p.problem == name and p.family.startswith("stimlib") and "JAX" not in p.family]
         others = [p for p in points if p.problem == name and not p.family.startswith("stimlib")]
-        ours = min(own, key=lambda p: p.error)
+        ours = min([p for p in own if not p.failed] or own[:1], key=lambda p: p.error)
         if name in asked:
             others = [p for p in others if p.knob == ours.knob]
         near = [p for p in others if p.error <= 1.01 * ours.error]

@@ -4,22 +4,27 @@ import dataclasses as dc
 import hashlib
 import html
 import re
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 import stimlib
-from stimlib import Block, Input, Scene
+from stimlib import Block, Input, Param, Scene, constant
+from stimlib.blocks import white_noise
 from stimlib.checks import figures
-from stimlib.checks.evidence import Check
-from stimlib.checks.page import page
+from stimlib.checks.evidence import Check, gather
+from stimlib.checks.page import GROUPS, page
 from stimlib.checks.power import Shows
 from stimlib.checks.scenes import WORDS
 from stimlib.core.definitions import definitions
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.run.processor import Change
+
+TAGS = "<i>&b\x1b[2J"  # markup, and a control character
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +63,107 @@ def test_a_name_with_tags_stays_a_name(bumped, monkeypatch):
     monkeypatch.setattr("stimlib.checks.page.figures", lambda e: [])
     text = page("a <b>name</b>", [], dc.replace(bumped.evidence, source="<i>file</i>"), [], None)
     assert "<b>" not in text and "<i>" not in text and text.count("a &lt;b&gt;name") == 2
+
+
+class Odd:
+    """Motion whose text is no text of ours."""
+
+    def __repr__(self):
+        return TAGS
+
+    def __call__(self, t):
+        return 0.0 * t
+
+
+@pytest.mark.parametrize("session", [False, True], ids=["file", "log"])
+def test_no_text_of_others_is_read_as_markup(bumped, monkeypatch, session):
+    monkeypatch.setattr("stimlib.checks.page.figures", lambda e: [])
+    monkeypatch.setattr(Scene, "to_dict", lambda scene: {"law": TAGS})
+    stored = {
+        "channels": [{"name": TAGS, "full_scale": 50.0, "unit": TAGS}],
+        "format": TAGS,
+        "subtype": TAGS,
+        "file_sha256": TAGS,
+    }
+    names = {"source": TAGS, "skipped": [TAGS], "numbers": [TAGS], "motion": {"x": Odd()}, "path": Path(TAGS), "sidecar": stored}
+    e = dc.replace(bumped.evidence, **names, session=session)
+    checks = [Check(group, TAGS, 0.0, 0.0, TAGS) for group in GROUPS]
+    text = page(TAGS, checks, e, [Shows(TAGS, TAGS, 1.0, TAGS, 0.95)], TAGS)
+    assert not any(raw in text for raw in ("<i>", "&b", "\x1b"))
+    assert text.count("&lt;i&gt;&amp;b\\x1b[2J") >= 30
+
+
+def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped, text_of):
+    groups = [c.group for c in bumped.checks]
+    assert {"b", "d", "e"} <= {*groups} <= {*GROUPS}
+    text = text_of(bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in ("a1", "a2", "b", "c", "d", "e")])
+    _, _, model, certainty, compared, rest = text.split("<h2>")[:6]
+    assert compared.count('<td class="ok">ok</td>') == 6 and rest.startswith("Not checked")
+    told = re.findall("<li>(.*?)</li>", model)
+    assert told == [*bumped.evidence.numbers, "a2 named: a2 told"] and len(told) > 1
+    assert "one correct rendering in 1000000," in certainty
+    for said in (["a finger that was not there"], []):
+        text = text_of(dc.replace(bumped.evidence, skipped=said))
+        assert f"<h2>Not checked</h2><ul><li>{said[0] if said else 'nothing'}</li></ul>" in text
+
+
+def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
+    y, shown = bumped.evidence.y, bumped.evidence.y.astype(np.float32).astype(float)
+    stored = {"format": "WAV", "subtype": "FLOAT", "file_sha256": "5a", "scene_hash": "7b", "signal_sha256": "9c"}
+    stored |= {"channels": [{"name": "voltage", "full_scale": 50.0, "unit": "V"}]}
+    e = dc.replace(bumped.evidence, params={"A": 3.0}, seed=7, shown=shown, sidecar=stored)
+    rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", text_of(e)))
+    wanted = {
+        "outputs": "voltage [V]",
+        "length": "1600 samples at 8000 Hz, 0.2 s",
+        "parameters": "A = 3",
+        "seed": "7",
+        "stored as": "WAV FLOAT, full scale: voltage 50 V",
+        "file hash": "5a",
+        "scene hash": e.scene.hash,
+    }
+    assert {name: rows[name] for name in wanted} == wanted
+    assert rows["signal"].startswith(hashlib.sha256(y.T.astype("<f8").tobytes()).hexdigest())  # not of what was stored
+
+
+def test_the_program_of_the_page_makes_the_samples_with_their_seed_and_parameters(text_of, tmp_path, monkeypatch, capsys):
+    scene = Scene({"y": Param("a", 1.0) * white_noise(1) + Input("x", "m") / constant(1.0, "m")})
+    motion, params = {"x": constant_speed(0.1, 0.1)}, {"a": 0.5}
+    e = gather(scene, motion, stimlib.render(scene, motion, 1000, 0.05, params, seed=5))
+    text = text_of(e)
+    _, program, stored = re.findall("<pre>(.*?)</pre>", text, re.DOTALL)
+    (tmp_path / "scene.json").write_text(stored)
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    made = capsys.readouterr().out.strip()
+    assert made == hashlib.sha256(e.y.T.astype("<f8").tobytes()).hexdigest() == program.split("# ")[-1].strip()
+    assert f"under Python {sys.version_info[0]}.{sys.version_info[1]};" in text
+
+
+def test_a_report_that_failed_says_so_in_every_form_of_it(bumped):
+    """And which check it was: in the notebook, the terminal, one line, and JSON."""
+    good, bad = Check("b", "first", 0.0, 0.0, TAGS), Check("e", TAGS, 2.0, 0.5, "t")
+    failed = dc.replace(
+        bumped, checks=[good, bad], evidence=dc.replace(bumped.evidence, source=TAGS, skipped=["s"], numbers=["n"])
+    )
+    passed = dc.replace(failed, checks=[good])
+    assert passed.passed and not failed.passed
+    shown = "<i>&b\\x1b[2J"
+    named = repr(dc.replace(failed, checks=[good, dc.replace(bad, name="second")]))
+    assert named.endswith(", 0.2 s at 8000 Hz, seed 0: FAILED: second)") and repr(passed).endswith("seed 0: passed)")
+    lines = [line.split() for line in str(failed).splitlines()]
+    assert "FAILED" in lines[0] and "passed" in str(passed).splitlines()[0]
+    assert [words[1] for words in lines if "first" in words or shown in words and "(e)" in words] == ["ok", "FAILED"]
+    assert "\x1b" not in str(failed) and any("numbers" in words and "n" in words for words in lines)
+    html = failed._repr_html_()
+    assert (
+        ": FAILED</h4>" in html
+        and ": passed</h4>" in passed._repr_html_()
+        and not any(raw in html for raw in ("<i>", "&b", "\x1b"))
+    )
+    told = failed.to_dict()
+    assert (told["passed"], passed.to_dict()["passed"]) == (False, True)
+    assert [c["passed"] for c in told["checks"]] == [True, False] and (told["numbers"], told["skipped"]) == (["n"], ["s"])
 
 
 def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):

@@ -5,6 +5,7 @@ import dataclasses as dc
 import importlib
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import stimlib
 from stimlib.analysis import spectra
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
+from stimlib.checks.noise import noise, pairs
 from stimlib.checks.scenes import SCENES, WORDS
 from stimlib.cli import app
 from stimlib.errors import SinkError
@@ -97,6 +99,43 @@ def test_the_table_of_the_documentation_is_that_of_ten_seconds(bench):
     assert ("force1: spectrum", "level", "1.1 dB", "95 of 100") in shown and len(shown) == 19
 
 
+@pytest.mark.parametrize("honest", [0.0, 0.6])
+@pytest.mark.parametrize("power_of_it", [0.5, 1.0, 2.0, 40.0])
+def test_what_is_searched_is_caught_and_a_tenth_less_is_not(bench, monkeypatch, honest, power_of_it):
+    for least in (0.0123, 0.0068, 0.0039):
+
+        def excess(fault, size, seconds, least=least):
+            return honest + (1 - honest) * (size / least) ** power_of_it
+
+        monkeypatch.setattr(bench, "excess", excess)
+        assert least < bench.threshold(None, 1.0) <= 1.1 * least * (1 + 1e-9)
+
+
+def test_what_is_rendered_is_another_noise_each_time(bench, monkeypatch):
+    """And only what is told with a chance is drawn, of the first finger."""
+    tap, seeds = SimpleNamespace(stream=np.zeros(16000), f_low=10.0, f_high=1000.0), []
+    found = [
+        power.Shows(f"{name}: spectrum", "level", 2.0, "dB", chance) for name, chance in (("force1", 0.95), ("force2", 0.95))
+    ]
+    found.append(power.Shows("law of the scene", "A", 1e-6, "of it", 1.0))
+    report = SimpleNamespace(evidence=SimpleNamespace(taps=[tap], share=ALARM), certainty=lambda: found)
+    monkeypatch.setattr(bench, "COMPUTED", (0.5, bench.RENDERED_AT))
+    monkeypatch.setattr(bench, "verified", lambda *_: report)
+    monkeypatch.setattr(bench, "drawn", lambda f, kind, size, alarm: size / f.size * alarm)
+    monkeypatch.setattr(bench, "excess", lambda fault, size, seconds, seed: seeds.append(seed) or size * (seed % 4))
+    short, rendered = bench.computed()
+    drawn = 2.0 / spectra.bins(16000, bench.FS, 10.0, 1000.0).size * ALARM
+    assert short["drawn"] == rendered["drawn"] == drawn and (short["rendered"], rendered["rendered"]) == ("", 0.75)
+    assert sorted(seeds) == list(range(20))
+
+
+def test_drawn_is_the_part_that_is_refused(bench, monkeypatch):
+    monkeypatch.setattr(bench, "DRAWN", 20)
+    assert [bench.drawn(F, "level", size, ALARM) for size in (0.0, 2 * SIZES["level"])] == [0.0, 1.0]
+    row = bench.told(power.Shows("check", "level", 1.23456, "dB", 0.95), 2.0, "computed", {"drawn": 0.9})
+    assert (row["size"], row["unit"], row["seconds"], row["drawn"], row["rendered"]) == (1.235, "dB", 2.0, 0.9, "")
+
+
 def test_what_was_computed_was_also_drawn_and_rendered():
     computed = [r for r in ROWS if r["how"] == "computed"]
     drawn, rendered = ([float(r[how]) for r in computed if r[how]] for how in ("drawn", "rendered"))
@@ -149,7 +188,7 @@ def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
     assert found["force1 and force2: independence", "noise in common"] == common < 1
 
 
-@pytest.mark.parametrize("power_of_it", [1, 2], ids=["proportional", "quadratic"])
+@pytest.mark.parametrize("power_of_it", [1, 1.3, 2], ids=["proportional", "steeper", "quadratic"])
 def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypatch, power_of_it):
     """At 1e-4 it begins to refuse; a slope that chance puts far off says nothing."""
     scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
@@ -158,11 +197,23 @@ def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypa
     def law(told):
         off = 1 - told.params["A"] / e.params["A"]
         assert [c.value for c in told.changes if c.name == "A"] == [told.params["A"]]  # the change right before sample 0 too
-        return [Check("d", "law", (off / 1e-4) ** power_of_it, 1.0, ""), Check("d", "slope", 9.0, 1.0, "", deviation=1.0)]
+        law = Check("d", "law", (abs(off) / 1e-4) ** power_of_it, 1.0, "")
+        return [law, Check("d", "looser", law.measured / 4, 1.0, ""), Check("d", "slope", 9.0, 1.0, "", deviation=1.0)]
 
     monkeypatch.setattr(power, "scene_law", law)
-    size = next(s.size for s in power.of_parameters(e) if s.kind == "A")
-    assert 1e-4 < size <= (1.05e-4 if power_of_it == 1 else 1e-3)
+    found = next(s for s in power.of_parameters(e) if s.kind == "A")
+    assert 1e-4 < found.size <= (1.05e-4 if power_of_it < 2 else 1e-3) and found.chance == 1.0
+
+
+def test_a_number_in_whose_place_0_would_do_is_never_seen_to_be_wrong(monkeypatch):
+    scene = stimlib.scenes.bumps()
+    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+
+    def law(told):
+        return [Check("d", "law", (1 - told.params[name] / e.params[name]) / 1.5, 1.0, "") for name in e.params]
+
+    monkeypatch.setattr(power, "scene_law", law)
+    assert [np.isnan(s.size) for s in power.of_parameters(e)] == [True] * 3
 
 
 def test_a_parameter_of_zero_and_a_law_that_failed_exclude_nothing():
@@ -170,6 +221,52 @@ def test_a_parameter_of_zero_and_a_law_that_failed_exclude_nothing():
     e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.1))
     assert [np.isnan(s.size) for s in power.certainty([], e)] == [True, True]  # of duty and freq, as nothing is shown
     assert power.certainty([Check("d", "law", 2.0, 1.0, "")], e) == []
+
+
+def test_the_law_is_asked_unless_it_failed_or_the_motion_is_no_number(monkeypatch):
+    scene = stimlib.scenes.bumps()
+    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+    monkeypatch.setattr(power, "of_parameters", lambda e: ["asked"])
+    assert power.certainty([Check("b", "bits", 1.0, 0.0, ""), Check("d", "law", 0.0, 0.0, "")], e) == ["asked"]
+    slope = Check("d", "slope", 6.0, 5.0, "", deviation=2.0)
+    assert power.certainty([slope], e) == [power.Shows("slope", "stiffness", power.smallest_shift(slope), "N/m", 0.95)]
+    e.x[0, 3] = np.nan
+    assert power.certainty([], e) == []
+
+
+def test_a_law_that_is_asked_again_leaves_the_evidence_of_the_page_as_it_was(monkeypatch):
+    scene = stimlib.scenes.bumps()
+    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+    fields = e.fingers, e.curves, e.wanted, e.numbers, e.skipped
+
+    def law(told):
+        for f in (told.fingers, told.curves, told.wanted):
+            f["told another number"] = 1.0
+        told.numbers.append("of another scene")
+        told.skipped.append("of another scene")
+        return []
+
+    monkeypatch.setattr(power, "scene_law", law)
+    assert power.of_parameters(e) and not any(fields)
+
+
+def test_an_error_that_no_size_makes_visible_has_none():
+    assert power.smallest(lambda e: e / (1 + e)) == pytest.approx(19.0, rel=1e-3)
+    assert np.isnan(power.smallest(lambda e: 0.94 * e / (1 + e)))
+
+
+def test_all_checks_of_chance_together_raise_the_alarm_once_in_a_million():
+    """Each spectrum, each pair, and the slope of each output; what they measure, and their limits, are powers of ten."""
+    scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
+    e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.3))
+    for count in (1, 2, 4):
+        e.taps = e.taps[:1] * count
+        assert e.share * (2 * count + len(pairs(e))) == pytest.approx(1e-6)
+    e.taps, failed = e.taps[:1], [Check("d", "law", 2.0, 1.0, "")]
+    assert power.certainty(failed, e) == []  # a spectrum that was not tested excludes nothing
+    (check,) = noise(e)
+    assert [s.kind for s in power.certainty(failed, e)] == list(power.KINDS)
+    assert 10**-check.limit == pytest.approx(e.share) and 10**-check.measured == pytest.approx(e.taps[0].spectrum.p)
 
 
 def test_every_law_has_its_words():

@@ -7,12 +7,14 @@ import re
 import numpy as np
 import pytest
 from hands import RECORDINGS, hand
+from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
 from stimlib.checks import verify
 from stimlib.checks.evidence import Check
+from stimlib.cli import app
 from stimlib.files import audio as file
 from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
 
@@ -166,6 +168,14 @@ def test_a_report_that_cannot_be_written(tmp_path):
     report = stimlib.verify(Scene({"y": 2 * Input("x")}), {"x": ramp_and_hold(1, 1)}, _plain())
     with pytest.raises(SinkError, match="cannot write"):
         report.to_html(tmp_path / "missing" / "a.html")
+
+
+def test_a_disk_that_is_full_costs_the_page_alone(tmp_path, mounted):
+    _plain().save(tmp_path / "a.wav", full_scale=1.0)
+    page = mounted("size=4k") / "a.html"
+    done = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), "--report", str(page)])
+    assert done.exit_code == 2 and "cannot write" in done.stderr and "No space" in done.stderr
+    assert ": passed" in done.stdout and not list(page.parent.iterdir())
 
 
 def _plain():
