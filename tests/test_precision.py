@@ -56,7 +56,7 @@ def test_errors_are_those_that_were_recorded(problem):
             assert p.failed and "stimlib" not in p.family, p
             continue
         assert not p.failed, p
-        if "LSODA" in p.family:  # which takes other steps where a sum is rounded otherwise: 3.6 times on another processor
+        if "LSODA" in p.family or p.family == "scipy chirp, float32":  # 3.6 times on another processor; 9 % with another numpy
             assert 0.1 < p.error / known[p.family, p.knob].error < 10, p
             continue
         digits = 1e-14 if "JAX" not in p.family else 1e-7  # below that sums in another order count

@@ -102,7 +102,7 @@ def designed(
                 z, p, k = _between(z, p, k, w[0], w[1], band == "bandstop")
         if np.isfinite([*z, *p, k]).all() and (p.real < 0).all() and k != 0:
             return paired(z, p, float(k))
-    except ARITHMETIC:
+    except (*ARITHMETIC, ValueError):  # as scipy tells it of an elliptic filter
         pass
     what = f"{band}: no {kind} filter of order {order} has these edges, ripple and attenuation"
     raise BadValue(f"{what}; lower the order or move the edges apart")
