@@ -105,10 +105,11 @@ def alone(at: str | os.PathLike[str], path: str | os.PathLike[str], error: type[
     ``at`` must be a name that belongs to stimlib, such as NAME.part, whose bytes are of no worth.
     """
     while True:
+        check(at, error)
         fd = opened(at, os.O_RDWR | os.O_CREAT, error)
         if not held(fd):
             os.close(fd)
-            raise error(f"cannot write {path}: it is being written by another run")
+            raise error(f"{path} is being written by another run")
         with suppress(FileNotFoundError):  # whoever had it just moved or removed it
             if os.path.samestat(os.fstat(fd), os.lstat(at)):
                 return fd
