@@ -135,7 +135,9 @@ class TextureModel:
         """
         place = np.stack([self.speed / self.speed.max(), self.force / self.force.max(), np.ones(len(self.speed))], axis=-1)
         corners = self.triangles.astype(int)
-        some = np.abs(np.linalg.det(place[corners])) > 1e-9
+        one, two = (place[corners[:, k], :2] - place[corners[:, 0], :2] for k in (1, 2))
+        area = one[:, 0] * two[:, 1] - two[:, 0] * one[:, 1]  # twice
+        some = np.abs(area) > 1e-9
         if not some.any():
             raise BadValue("no triangle of the texture has an area; join models that do not lie on one line")
         return np.linalg.inv(place[corners[some]]).transpose(0, 2, 1), corners[some]
