@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -152,16 +152,9 @@ class Plate:
         >>> Plate.paper("short").modes(2).round(1)  # printed: 158 and 244 Hz
         array([183.5, 251.3])
         """
-        if edges not in PAPER_EDGES:
+        if not isinstance(edges, str) or edges not in PAPER_EDGES:
             raise BadValue(f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}")
-        plate = cls(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, PAPER_EDGES[edges], damping=0.1)
-        if measured:
-            plate = replace(plate, E=1.093 * plate.E, in_plane_load=-6.01e3)
-        if patches or measured:
-            x, y = 11e-3, 42e-3
-            places = [(x, y), (plate.length - x, y), (x, plate.width - y), (plate.length - x, plate.width - y)]
-            plate = replace(plate, patches=tuple(Patch.duraact(*p) for p in places))
-        return plate
+        return _paper(cls, PAPER_EDGES[edges], bool(measured), bool(patches or measured))
 
     # Matrices ------------------------------------------------------------------------------------------------------------
     @property
@@ -436,3 +429,16 @@ def check_places(plate: Plate) -> None:
         for j, (u0, u1, v0, v1) in enumerate(rectangles[:i]):
             if plate.patches[i].side == plate.patches[j].side and x0 < u1 and u0 < x1 and y0 < v1 and v0 < y1:
                 raise BadValue(f"Plate: patches {j} and {i} lie on each other; measure their centres again, or turn one's side")
+
+
+@cache
+def _paper(cls: type[Plate], edges: str, measured: bool, patches: bool) -> Plate:
+    """One for all who ask: its modes, half a second of linear algebra, are then found once."""
+    plate = cls(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
+    if measured:
+        plate = replace(plate, E=1.093 * plate.E, in_plane_load=-6.01e3)
+    if patches:
+        x, y = 11e-3, 42e-3
+        places = [(x, y), (plate.length - x, y), (x, plate.width - y), (plate.length - x, plate.width - y)]
+        plate = replace(plate, patches=tuple(Patch.duraact(*p) for p in places))
+    return plate

@@ -214,3 +214,10 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
     ):
         with pytest.raises(BadValue, match=match):
             ask()
+
+
+def test_the_thesis_plate_is_solved_once_for_all_who_ask():
+    """Each scene of a touch screen asks for its modes."""
+    assert Plate.paper(measured=True) is Plate.paper("short", True, patches=True) is not Plate.paper(patches=True)
+    with pytest.raises(BadValue, match="edges = .'short'.; choose one of all, long, short"):
+        Plate.paper(["short"])
