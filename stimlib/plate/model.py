@@ -127,8 +127,8 @@ class Plate:
         if "C" not in weak and weak.count("S") < 2:
             raise BadValue(f"Plate: edges = {self.edges!r} let it move as a whole; clamp one edge, or support two")
 
-    @classmethod
-    def paper(cls, edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
+    @staticmethod
+    def paper(edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
         """The touch-screen thesis' glass plate.
 
         Parameters
@@ -154,7 +154,7 @@ class Plate:
         """
         if not isinstance(edges, str) or edges not in PAPER_EDGES:
             raise BadValue(f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}")
-        return _paper(cls, PAPER_EDGES[edges], bool(measured), bool(patches or measured))
+        return _paper(PAPER_EDGES[edges], bool(measured), bool(patches or measured))
 
     # Matrices ------------------------------------------------------------------------------------------------------------
     @property
@@ -432,9 +432,9 @@ def check_places(plate: Plate) -> None:
 
 
 @cache
-def _paper(cls: type[Plate], edges: str, measured: bool, patches: bool) -> Plate:
+def _paper(edges: str, measured: bool, patches: bool) -> Plate:
     """One for all who ask: its modes, half a second of linear algebra, are then found once."""
-    plate = cls(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
+    plate = Plate(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
     if measured:
         plate = replace(plate, E=1.093 * plate.E, in_plane_load=-6.01e3)
     if patches:
