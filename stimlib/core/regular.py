@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from io import FileIO
 from pathlib import Path
 
 from ..errors import SinkError, StimlibError
@@ -99,21 +100,22 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
         raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
-def alone(at: str | os.PathLike[str], path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
-    """A descriptor of ``at`` that this run alone holds, until it is closed or the process ends; what is written is ``path``.
+def alone(
+    stack: ExitStack, at: str | os.PathLike[str], path: str | os.PathLike[str], error: type[StimlibError] = SinkError
+) -> FileIO:
+    """``at``, open for this run alone until the stack or the process ends; what is to be written is ``path``.
 
-    ``at`` must be a name that belongs to stimlib, such as NAME.part, whose bytes are of no worth.
+    ``at`` must be a name that belongs to stimlib, such as NAME.part, whose bytes are of no worth.  It is the stack's before it is
+    locked, so that an interrupt at any moment lets go of it.
     """
     while True:
         check(at, error)
-        fd = opened(at, os.O_RDWR | os.O_CREAT, error)
-        if not held(fd):
-            os.close(fd)
+        f = stack.enter_context(open(opened(at, os.O_RDWR | os.O_CREAT, error), "r+b", buffering=0))
+        if not held(f.fileno()):
             raise error(f"{path} is being written by another run")
         with suppress(FileNotFoundError):  # whoever had it just moved or removed it
-            if os.path.samestat(os.fstat(fd), os.lstat(at)):
-                return fd
-        os.close(fd)
+            if os.path.samestat(os.fstat(f.fileno()), os.lstat(at)):
+                return f
 
 
 def held(fd: int) -> bool:
@@ -161,21 +163,21 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
     if not os.path.islink(path):  # which takes any name
         check(path, error)
     part = path.with_name(path.name + ".part")
-    fd = alone(part, path, error)
-    try:
-        with open(fd, "wb") as f:
-            f.truncate()
-            f.write(data if isinstance(data, bytes) else data.encode())
-            f.flush()
-            os.fsync(f.fileno())
-            os.replace(part, path)  # while it is held: another run would take its name
-        settle(path.parent)
-    except BaseException as e:
-        with suppress(OSError):
-            os.unlink(part)
-        if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
-            raise error(f"cannot write {path}: {_reason(e)}") from e
-        raise
+    with ExitStack() as stack:
+        raw = alone(stack, part, path, error)  # to the end: another run would take its name
+        try:
+            with open(raw.fileno(), "wb", closefd=False) as f:
+                f.truncate()
+                f.write(data if isinstance(data, bytes) else data.encode())
+            os.fsync(raw.fileno())
+            os.replace(part, path)
+            settle(path.parent)
+        except BaseException as e:
+            with suppress(OSError):
+                os.unlink(part)
+            if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
+                raise error(f"cannot write {path}: {_reason(e)}") from e
+            raise
 
 
 def settle(folder: Path) -> None:

@@ -251,5 +251,5 @@ def _locked(path: Path) -> Iterator[Any]:
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:
         with disk(path):
-            f = stack.enter_context(open(regular.alone(sidecar, path), "r+b", buffering=0))
+            f = regular.alone(stack, sidecar, path)
         yield f

@@ -8,6 +8,7 @@ import random
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -284,12 +285,12 @@ def test_names_that_no_file_can_have(tmp_path, name):
 
 def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
-    fd = regular.alone(part, path)
-    os.write(fd, b"half")
-    with pytest.raises(SinkError, match="is being written by another run"):
-        regular.publish(path, "whole")
-    assert not path.exists() and part.read_bytes() == b"half"
-    os.close(fd)  # as when it was killed
+    with ExitStack() as stack:
+        regular.alone(stack, part, path).write(b"half")
+        with pytest.raises(SinkError, match="is being written by another run"):
+            regular.publish(path, "whole")
+        assert not path.exists() and part.read_bytes() == b"half"
+    assert part.exists()  # as when it was killed
     regular.publish(path, "all")
     assert path.read_text() == "all" and not part.exists()
 

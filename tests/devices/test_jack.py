@@ -264,7 +264,8 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
     assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
     first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
     gaps = np.diff(times[first : last + 1]) - 1
-    assert report["lost"] <= gaps.sum() <= report["lost"] + 10 * 64, "what is missing is what was told, or the capture's own"
+    few = 10 * 64  # told, but before the first sound or behind the last; or missed by the capture itself
+    assert abs(gaps.sum() - report["lost"]) <= few, "what is missing is what was told"
 
 
 def test_a_session_replays_from_its_log(server, tmp_path):
