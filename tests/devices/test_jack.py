@@ -246,26 +246,30 @@ def test_a_callback_in_python_plays_the_same(server):
 
 def test_a_process_that_was_stopped_goes_on_in_time(server):
     """SIGSTOP for 300 ms: what a debugger, a suspended machine or a stall of the whole program do."""
-    with Capture(server.name, 1, 120 * FS) as capture:
-        child = player(server, "sink.wait(20)")
-        try:
-            assert child.stdout.readline() == "playing\n", child.stderr.read()
-            child.send_signal(signal.SIGSTOP)
-            time.sleep(0.3)
-            child.send_signal(signal.SIGCONT)
-            time.sleep(0.2)
-            child.send_signal(signal.SIGTERM)
-            out, _ = child.communicate(timeout=30)
-        finally:
-            child.kill()
-        report = json.loads(out)["report"]
-        frames = capture.frames.copy()
-        times = capture.times[: len(frames)].copy()
-    assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
-    first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
-    gaps = np.diff(times[first : last + 1]) - 1
-    few = 10 * 64  # told, but before the first sound or behind the last; or missed by the capture itself
-    assert abs(gaps.sum() - report["lost"]) <= few, "what is missing is what was told"
+
+    def take():
+        with Capture(server.name, 1, 120 * FS) as capture:
+            child = player(server, "sink.wait(20)")
+            try:
+                assert child.stdout.readline() == "playing\n", child.stderr.read()
+                child.send_signal(signal.SIGSTOP)
+                time.sleep(0.3)
+                child.send_signal(signal.SIGCONT)
+                time.sleep(0.2)
+                child.send_signal(signal.SIGTERM)
+                out, _ = child.communicate(timeout=30)
+            finally:
+                child.kill()
+            report = json.loads(out)["report"]
+            frames = capture.frames.copy()
+            times = capture.times[: len(frames)].copy()
+        assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
+        first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
+        more = np.sum(np.diff(times[first : last + 1]) - 1) - report["lost"]
+        assert more >= -10 * 64, "what is told is missing, but for what was lost before the first sound or behind the last"
+        return more <= 10 * 64  # else the client that captures has missed some itself
+
+    until_judged(take)
 
 
 def test_a_session_replays_from_its_log(server, tmp_path):
