@@ -5,9 +5,10 @@ import os
 import re
 import threading
 from contextlib import suppress
+from itertools import count
 
 import pytest
-from devices.servers import Jackd, needs_jack
+from devices.servers import Jackd, needs_jack, until_judged
 from experiments.some import TASK, experiment, nothing, observer, simulate, some
 
 import stimlib
@@ -102,25 +103,31 @@ def test_a_trial_whose_log_has_no_room_is_not_begun(mounted):
 def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tmp_path):
     """The server is killed in the third trial: two answers are kept, and the presentation is told as one without an answer."""
     made = experiment(fs=8000.0, timing=Timing(interval=0.15, gap=0.05, before=0.0, ramp=0.0))
-    with Jackd(8000, 64) as server:
+    whole = [(r.trial, r.answer.values) for r in simulate(tmp_path / "whole", made).records]
+    folders = (tmp_path / f"take {k}" for k in count())
 
-        def show(trial, folder):
-            if folder.name.startswith("trial-0003"):
-                threading.Timer(0.2, server.process.kill).start()
-            return present(made, trial, "jack", folder, server=server.name, realtime=False)
+    def take():
+        data = next(folders)
+        with Jackd(8000, 64) as server:
 
-        with pytest.raises(SinkError, match="the server has ended"), Session(made, tmp_path, "P01") as session:
-            run(session, Simulated(session, observer), show)
-    left = read(session.folder)
-    assert len(left.records) == 2 and status(left)["unanswered"] == 1
-    partly = read_log(session.folder / "trial-0003-1.stimlog")
-    assert 0 < partly.frames < 3120 and replay(partly).matches, "what came out is known to the sample"
-    with Session(made, tmp_path, "P01", resume=True) as again:
-        run(again, Simulated(again, observer), lambda trial, folder: {"log": folder.name})
-    assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
-    assert [(r.trial, r.answer.values) for r in again.records] == [
-        (r.trial, r.answer.values) for r in simulate(tmp_path / "whole", made).records
-    ]
+            def show(trial, folder):
+                if folder.name.startswith("trial-0003"):
+                    threading.Timer(0.2, server.process.kill).start()
+                return present(made, trial, "jack", folder, server=server.name, realtime=False)
+
+            with pytest.raises(SinkError, match="the server has ended"), Session(made, data, "P01") as session:
+                run(session, Simulated(session, observer), show)
+        left = read(session.folder)
+        assert len(left.records) == 2 and status(left)["unanswered"] == 1
+        partly = read_log(session.folder / "trial-0003-1.stimlog")
+        assert partly.frames < 3120 and replay(partly).matches, "what came out is known to the sample"
+        with Session(made, data, "P01", resume=True) as again:
+            run(again, Simulated(again, observer), lambda trial, folder: {"log": folder.name})
+        assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
+        assert [(r.trial, r.answer.values) for r in again.records] == whole
+        return partly.frames > 0  # else it was killed before the first sample
+
+    until_judged(take, takes=3)
 
 
 @pytest.mark.parametrize("motion", [Live(), Signals({"x": Signal(1.0), "y": Signal(1.0)})])

@@ -275,7 +275,8 @@ def test_strangers_and_floods_change_nothing_and_the_end_of_the_server_is_told(t
             except InvalidStatus as e:
                 assert e.response.status_code == code, name
             except ConnectionClosed as e:
-                assert e.rcvd.code == code or (name, e.rcvd.code) == ("a flood", 4429), name
+                said = e.rcvd and e.rcvd.code  # a flood that is cut off may come before the reason
+                assert said == code or (name == "a flood" and said in (4429, None)), name
         with page(running) as phone:
             assert phone.until(phase="ask")["text"] == "trial 1"
             phone.ws.send('{"do": "hello", "token": "T", "version": 1}')
