@@ -105,7 +105,8 @@ class Resonance:
         Degrees of freedom of the noise's estimate.
     delay : float
         Of the response behind the drive in s; 0 where none is seen.  Where there is one it is known within about 0.02 q/freq, and
-        so is what the mode decays in that time: ``gain`` within about 10 %.
+        so is what the mode decays in that time: ``gain`` within about 10 %.  From a quality of about 10 on that may be half a
+        period, which turns all signs of ``gain`` together; ``shape`` is the same.
     """
 
     freq: float
