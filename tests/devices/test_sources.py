@@ -103,4 +103,4 @@ def test_a_hand_that_fails_fades_out_and_says_so():
             sink.start()
     y = np.concatenate(log.frames)
     assert largest_step(y, log.events) < 0.01 and y[-1] == 0
-    assert log.end["produced"] == len(y)
+    assert log.end["produced"] == len(y) + log.end["unlogged"]  # whoever reads the log may be late
