@@ -287,3 +287,7 @@ def test_names_of_problems():
     assert [p.name for p in problems(["arm", "pink"])] == ["arm", "pink"]
     with pytest.raises(UnknownName, match="no problem violet; there are pink, "):
         problems(["violet"])
+
+
+def test_points_on_jax_alone_have_no_best():
+    assert best([Point("pink", "stimlib JAX", "1", np.nan, np.nan, "no jax"), Point("pink", "scipy", "1", 1e-3, 5.0)]) == []

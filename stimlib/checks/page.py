@@ -185,6 +185,12 @@ def _has_text(m: object) -> bool:
     return False
 
 
+def _importing(module: str) -> str:
+    """A file that is imported by its path may have a name that is none in Python."""
+    named = all(part.isidentifier() for part in module.split("."))
+    return f"import {module}" if named else f"__import__({module!r})"
+
+
 def _program(e: Evidence, signal: str) -> str:
     """Python that makes the same samples, where neither arrays nor later changes are needed for it."""
     own = definitions(e.scene)
@@ -193,7 +199,7 @@ def _program(e: Evidence, signal: str) -> str:
     motion = ", ".join(f"{n!r}: parse_source({describe(m)!r})" for n, m in e.motion.items())
     lines = (
         "import hashlib, stimlib",
-        *(f"import {m}  # own blocks of the scene" for m in own),
+        *(f"{_importing(m)}  # own blocks of the scene" for m in own),
         "from stimlib.motion.recorded import parse_source",
         'scene = stimlib.load("scene.json")  # the text at the end of this page',
         f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r}, {e.params!r}, {e.seed})",

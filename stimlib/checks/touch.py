@@ -50,10 +50,12 @@ def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any)
     w = b * (x - last) * fs
     with np.errstate(divide="ignore", invalid="ignore"):
         free = np.where(w < 0, -w / k, 0)  # less than this deep the damper takes away the spring
+    never = np.isinf(free)  # there is none
+    deep = np.where(never, 0, free)
 
     def integral(p: Any) -> Any:
-        q = np.maximum(p - at, free)
-        return np.where(np.isfinite(free), (q - free) * (k * (q + free) / 2 + w), 0)
+        q = np.maximum(p - at, deep)
+        return np.where(never, 0, (q - deep) * (k * (q + deep) / 2 + w))
 
     def value(p: Any) -> Any:
         return np.where(p - at > free, k * (p - at) + w, 0)
@@ -133,7 +135,7 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
         while rest > (room := c[n] - s * z):
             area, rest, z = area + room * (z + s * c[n]) / 2, rest - room, s * (c[n] - tooth)
             if rest > MANY * tooth:  # teeth that are smaller than what the way can tell would never end
-                whole = rest - (fmod(rest, tooth) if tooth else 0.0)
+                whole = rest - (fmod(rest, tooth) if tooth and np.isfinite(rest) else 0.0)
                 area, rest = area + whole * s * (c[n] - tooth / 2), rest - whole
         area, z = area + rest * (z + s * rest / 2), z + s * rest
         if abs(abs(z) - c[n]) < 1e-9 * c[n]:
@@ -171,8 +173,8 @@ def _wall_of(e: Evidence, x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarra
     k, b, at = (signal(e, v) for v in (w.k, w.b, w.at))
     if signal(e, w.c).any():
         raise StopIteration("a wall whose damping grows with the depth")
-    force = wall(x, contact, e.fs, np.maximum(k, 0), np.maximum(b, 0), at)  # below 0 they count as 0
-    return force, f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
+    k, b = np.maximum(k, 0), np.maximum(b, 0)  # as the block counts them
+    return wall(x, contact, e.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
 
 
 def wall_law(e: Evidence) -> list[Check]:

@@ -84,14 +84,16 @@ def verify_(
         expected = None if scene is None else scene_of(scene)
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0] if given else None
         result = verify(expected, motion, wav)
-    if json_:
-        print_json(result.to_dict())
-    else:
-        print_wide(result)
-    if report is not None:  # last: a disk that is full costs the page alone
-        result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
-        if not json_:
-            print(f"report: {report}")
+    try:
+        if json_:
+            print_json(result.to_dict())
+        else:
+            print_wide(result)
+    finally:  # a disk that is full costs the page alone, and a reader that goes away the table alone
+        if report is not None:
+            result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
+    if report is not None and not json_:
+        print(f"report: {report}")
     end(result.passed)
 
 

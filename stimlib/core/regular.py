@@ -174,7 +174,8 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
             settle(path.parent)
         except BaseException as e:
             with suppress(OSError):
-                os.unlink(part)
+                if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):  # moved, the name is free for another run
+                    os.unlink(part)
             if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
                 raise error(f"cannot write {path}: {_reason(e)}") from e
             raise

@@ -241,7 +241,7 @@ def _clean(path: Path) -> None:
     """Remove what a run that failed left beside its place, if it is not another run's."""
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
-        if regular.held(f.fileno()):
+        if regular.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
             _remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
 
 

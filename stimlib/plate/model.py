@@ -186,13 +186,16 @@ class Plate:
             mx, my = X.products(x0, x1), Y.products(y0, y1)
             stiff[k] = bending(mx, my, self.nu)
             mass += p.mass / (p.length * p.width) * np.kron(mx[0], my[0])
-        return {
+        found = {
             "bending": bending(px, py, self.nu),
             "load": np.kron(px[1], py[0]),
             "springs": springs,
             "patches": stiff,
             "mass": mass,
         }
+        for m in found.values():
+            m.flags.writeable = False  # all who ask share them
+        return found
 
     def _system(self) -> tuple[np.ndarray, np.ndarray]:
         m = self.matrices

@@ -51,7 +51,10 @@ class Axis:
     def series(self) -> list[np.ndarray]:
         """Legendre series in s = 2 x/length - 1 of f, f' and f''."""
         scale = 2 / self.length
-        return [c * scale ** (0.5 + k) for k, c in enumerate(basis(self.terms, HELD[self.low], HELD[self.high]))]
+        found = [c * scale ** (0.5 + k) for k, c in enumerate(basis(self.terms, HELD[self.low], HELD[self.high]))]
+        for c in found:
+            c.flags.writeable = False  # all who ask share them
+        return found
 
     def _powers(self, x) -> np.ndarray:
         """Legendre's polynomials at places, shape (places, degree + 1)."""

@@ -289,10 +289,12 @@ def best(points: Iterable[Point]) -> list[Best]:
     [('numpy', True, 4.0)]
     """
     found, asked = [], {p.name for p in problems() if p.asked}
-    points = [p for p in points if not p.failed or p.family.startswith("stimlib")]
+    points = [p for p in points if "JAX" not in p.family and (not p.failed or p.family.startswith("stimlib"))]
     for name in dict.fromkeys(p.problem for p in points):
-        own = [p for p in points if p.problem == name and p.family.startswith("stimlib") and "JAX" not in p.family]
+        own = [p for p in points if p.problem == name and p.family.startswith("stimlib")]
         others = [p for p in points if p.problem == name and not p.family.startswith("stimlib")]
+        if not own:
+            continue
         ours = min([p for p in own if not p.failed] or own[:1], key=lambda p: p.error)
         if name in asked:
             others = [p for p in others if p.knob == ours.knob]

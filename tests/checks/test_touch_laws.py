@@ -1,5 +1,7 @@
 """The laws of the everyday scenes: they hold of what is rendered, and catch what is slightly off."""
 
+import warnings
+
 import numpy as np
 import pytest
 from correct import hand
@@ -140,3 +142,13 @@ def test_slips_without_number_end(normal):
     motion = {"x": sinusoid(0.01, 1.0)}
     r = stimlib.verify(friction(), motion, stimlib.render(friction(), motion, 8000, 0.05, {"normal": normal}))
     assert r.passed, str(r)
+
+
+def test_a_wall_without_stiffness_and_a_way_without_end_are_judged_in_silence():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = {"x": sinusoid(0.001, 20.0)}
+        assert stimlib.verify(wall(), motion, stimlib.render(wall(), motion, 8000, 0.1, {"k": 0.0, "b": 2.0})).passed
+    with np.errstate(all="ignore"):
+        slipped = touch.stick_slip(np.array([-1.7e308, 1.7e308, 0.0]), np.ones(3), 1000.0, np.full(3, 0.5), 0.5, np.zeros(3))
+    assert not np.isfinite(slipped).all()

@@ -2,7 +2,10 @@
 
 import dataclasses as dc
 import html
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -176,6 +179,16 @@ def test_a_disk_that_is_full_costs_the_page_alone(tmp_path, mounted):
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), "--report", str(page)])
     assert done.exit_code == 2 and "cannot write" in done.stderr and "No space" in done.stderr
     assert ": passed" in done.stdout and not list(page.parent.iterdir())
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_table_that_cannot_be_printed_costs_the_table_alone(tmp_path):
+    _plain().save(tmp_path / "a.wav", full_scale=1.0)
+    command = [sys.executable, "-m", "stimlib", "verify", "a.wav", "--report", "a.html"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2 and "cannot write what is printed" in done.stderr
+    assert "How to reproduce it" in (tmp_path / "a.html").read_text()
 
 
 def _plain():

@@ -295,6 +295,19 @@ def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     assert path.read_text() == "all" and not part.exists()
 
 
+def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, monkeypatch):
+    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
+
+    def settle(folder):
+        part.write_text("another run's")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(regular, "settle", settle)
+    with pytest.raises(KeyboardInterrupt):
+        regular.publish(path, "whole")
+    assert path.read_text() == "whole" and part.read_text() == "another run's"
+
+
 def test_of_two_that_write_one_small_file_a_reader_sees_whole_ones(tmp_path):
     """Also where each finds the other at it: then it says so, and not that there is no folder."""
     path, size, said, half = tmp_path / "a.html", 3_000_000, [], 0

@@ -219,5 +219,8 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
 def test_the_thesis_plate_is_solved_once_for_all_who_ask():
     """Each scene of a touch screen asks for its modes."""
     assert Plate.paper(measured=True) is Plate.paper("short", True, patches=True) is not Plate.paper(patches=True)
+    for shared in (Plate.paper().matrices["bending"], Plate.paper().axes[0].series[0], Plate.paper().solved(1)[0]):
+        with pytest.raises(ValueError, match="read-only"):
+            shared *= 4
     with pytest.raises(BadValue, match="edges = .'short'.; choose one of all, long, short"):
         Plate.paper(["short"])
