@@ -119,7 +119,7 @@ def alone(
 
 
 def held(fd: int) -> bool:
-    """Lock an open file; whether nobody else has it.  True where the system cannot tell."""
+    """Lock an open file or folder; whether nobody else has it.  True where the system cannot tell."""
     try:
         import fcntl
     except ImportError:
@@ -211,19 +211,13 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
     error : type
         What is raised then.
     """
-    import fcntl  # of Unix alone
-
     try:
         fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as e:
         raise error(f"cannot work in {folder}: {_reason(e)}") from e
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    if not held(fd):
         os.close(fd)
-        raise error(busy) from None
-    except OSError:
-        pass  # a file system without locks
+        raise error(busy)
     return fd
 
 

@@ -5,15 +5,15 @@ import hashlib
 import html
 import re
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
+from test_scene import Doubled
 
 import stimlib
-from stimlib import Block, Input, Param, Scene, constant
+from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import white_noise
 from stimlib.checks import figures
 from stimlib.checks.evidence import Check, gather
@@ -185,19 +185,8 @@ def test_a_parameter_is_asked_up_to_all_of_it_and_only_where_there_is_a_law(bump
     assert asked not in text_of(bumped.evidence, certain=[Shows("a", "level", 0.25, "dB", 0.95)])
 
 
-@dataclass(frozen=True, eq=False)
-class Twice(Block):
-    """2 x."""
-
-    x: Block
-
-    @staticmethod
-    def step(p, s, x):
-        return x + x, s
-
-
 def own_block(tmp_path, motion):
-    scene = Scene({"y": Twice(Input("x", "m"))})
+    scene = Scene({"y": Doubled(Input("x", "m"))})
     stimlib.render(scene, {"x": motion}, 8000, 0.1).save(tmp_path / "a.wav", full_scale=1.0)
     return stimlib.verify(scene, {"x": motion}, tmp_path / "a.wav")
 
@@ -207,7 +196,7 @@ def test_blocks_of_ones_own_are_imported_hashed_and_said_to_be_unchecked(tmp_pat
     text = text_of(report.evidence)
     (told,) = definitions(report.evidence.scene).items()
     assert f"<th>own blocks of {told[0]}</th><td>{told[1]['sha256']}" in text and f"<code>{told[0]}</code>.</p>" in text
-    assert [s for s in report.evidence.skipped if s.startswith("Twice(Input('x')): it states no response")]
+    assert [s for s in report.evidence.skipped if s.startswith("Doubled(Input('x')): it states no response")]
     _, program, scene = re.findall("<pre>(.*?)</pre>", text, re.DOTALL)
     (tmp_path / "scene.json").write_text(scene)
     monkeypatch.chdir(tmp_path)
