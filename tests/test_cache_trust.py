@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import STRESS
 from test_cache import environment, give_runtime, runtime_entry
 
 from stimlib.targets.numba import cache
@@ -238,7 +239,7 @@ for folder in sys.argv[1:]:
 def healed(made, tmp_path_factory):
     """What a process gives, and what it leaves, for kinds of damage."""
     found = {}
-    for what, (pattern, change) in DAMAGE.items() if "STIMLIB_STRESS" in os.environ else [(k, DAMAGE[k]) for k in HEALED]:
+    for what, (pattern, change) in DAMAGE.items() if STRESS else [(k, DAMAGE[k]) for k in HEALED]:
         folder = tmp_path_factory.mktemp("damaged") / "cache"
         shutil.copytree(made[1], folder)
         change(next(entry(folder, "Tanh").rglob(pattern)))

@@ -229,7 +229,7 @@ def test_every_command_ends_so():
     assert sum(len(g.registered_commands) for g in groups) == sum(text.count("\n@command(") for text in texts.values())
 
 
-@pytest.mark.parametrize("words", [["show", "squeeze"], ["list", "--json"]], ids=["at once", "at the end"])
+@pytest.mark.parametrize("words", [["show", "squeeze"], ["list", "--json"], ["list"]], ids=["at once", "at the end", "rich"])
 def test_a_reader_that_goes_away_is_no_defect(words):
     with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
         job.stdout.close()

@@ -2,13 +2,12 @@
 
 import json
 import linecache
-import os
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same, impulse_response, rows, run
+from laws import STRESS, assert_same, impulse_response, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -199,7 +198,7 @@ def test_every_target_every_cut(name):
     if name in TILES:
         with pytest.raises(SceneError, match=r"\(.*\) is inside a loop, where JAX runs steps"):
             stimlib.compile(scene, FS, target="jax")
-    elif name in JAX or "STIMLIB_STRESS" in os.environ:
+    elif name in JAX or STRESS:
         z = stimlib.compile(scene, FS, target="jax")({}, u)
         for row, out in zip(y, fast.outputs, strict=True):
             np.testing.assert_allclose(z[out], row, rtol=1e-9, atol=1e-9)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import STRESS
 from typer.testing import CliRunner
 
 from stimlib.blocks import delay
@@ -27,7 +28,6 @@ from stimlib.speed.problems import noise
 
 ROOT = Path(__file__).parents[1]
 RECORDED = ROOT / "benchmarks" / "work_precision"
-STRESS = "STIMLIB_STRESS" in os.environ
 ALL = problems()
 OTHER = {"springpot_gl": " l1", "springpot_l1": " gl"}  # a scheme that has another limit
 LEFT = {"springpot_l1": 1.2e-4}  # what the scheme itself leaves of the derivative

@@ -157,9 +157,17 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
+class Output(Console):
+    """stdout; that its reader went away is told to ``friendly``, where rich would end the process with status 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Called by rich while it handles that error."""
+        raise BrokenPipeError
+
+
 def print_wide(data: Any) -> None:
     """A table or report on stdout, as wide as the terminal, or 130 characters where that is none."""
-    Console(width=None if sys.stdout.isatty() else 130).print(data)
+    Output(width=None if sys.stdout.isatty() else 130).print(data)
 
 
 def end(passed: bool) -> None:

@@ -6,12 +6,11 @@ from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.console import Console
 
 from ..core.progress import progress
 from ..errors import BadValue, FaultError, SinkError
 from . import options as opt
-from .app import command, end, errors, failed, print_json
+from .app import Output, command, end, errors, failed, print_json
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
@@ -140,7 +139,7 @@ def devices(
     """
     from ..devices.available import devices as look
 
-    found, out = look(server), Console()
+    found, out = look(server), Output()
     if json_:
         return print_json([asdict(d) for d in found])
     for d in found:

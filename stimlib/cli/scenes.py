@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from ..errors import shown
 from . import options as opt
-from .app import command, print_json
+from .app import Output, command, print_json
 from .scene import SceneText, run_files, scene_of, shipped
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ def list_(json_: opt.Json = False):
     if json_:
         scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
         return print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
-    out = Console()
+    out = Output()
     for name, make in shipped().items():
         made = make()
         out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)

@@ -105,7 +105,7 @@ def alone(
 ) -> FileIO:
     """``at``, open for this run alone until the stack or the process ends; what is to be written is ``path``.
 
-    ``at`` must be a name that belongs to stimlib, such as NAME.part, whose bytes are of no worth.  It is the stack's before it is
+    ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.  It is the stack's before it is
     locked, so that an interrupt at any moment lets go of it.
     """
     while True:

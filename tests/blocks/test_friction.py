@@ -1,11 +1,11 @@
 """Friction against its differential equations by another route, its energy, its drift, and what is refused."""
 
-import os
 from functools import cache
 
 import numpy as np
 import pytest
 from hands import hand
+from laws import STRESS
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -17,7 +17,6 @@ K, F, ELASTIC = 1000.0, 0.6, 0.7  # N/m, N
 C = F / K
 STATIC, SPEED = 0.9, 0.02  # of Stribeck's curve, in N and m/s
 X, NORMAL = Input("x", "m"), Input("normal", "N")
-LONG = "STIMLIB_STRESS" in os.environ
 LAWS = ("coulomb", "elastoplastic", "dahl", "lugre")
 SLOPES = {  # dz/ds along a way in direction s at speed v, as the papers write it
     "elastoplastic": lambda z, s, v: 1 - max(0.0, (s * z / C - ELASTIC) / (1 - ELASTIC)),
@@ -154,7 +153,7 @@ def test_a_stiffness_that_follows_the_normal_force_is_passive(law):
 @cache
 def creep(law):
     """Way of 50 g held by friction under 0.4 of its limit, shaken by 0.1 of it at 50 Hz, and the seconds that it took."""
-    fs, seconds = 8000, 600 if LONG else 20
+    fs, seconds = 8000, 600 if STRESS else 20
     push = minimum(elapsed() / constant(0.5, "s"), 1.0) * constant(F, "N") * (0.4 + 0.1 * oscillator(50.0))
 
     def body(x):

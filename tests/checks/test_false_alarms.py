@@ -1,11 +1,10 @@
 """Correct renderings that a verifier could doubt: held hands, low frequencies, rare corners; and the tails of its statistics."""
 
 import dataclasses as dc
-import os
 
 import numpy as np
 import pytest
-from laws import mostly
+from laws import STRESS, mostly
 from scipy import stats
 
 import stimlib
@@ -47,7 +46,7 @@ def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
     """The noise is then in few samples, so the deviation of the slope is not that of noise spread evenly."""
     x = np.r_[np.zeros(40000), minimum_jerk()(np.arange(2400) / 8000)]
     apart = []
-    for seed in range(20 if "STIMLIB_STRESS" in os.environ else 8):
+    for seed in range(20 if STRESS else 8):
         r = report(squeeze(fingers=1), {"x1": x}, seed=seed)
         assert r.passed, str(r)
         apart += [c.measured / c.limit for c in r.checks if "slope" in c.name]

@@ -4,12 +4,11 @@
 renderings.
 """
 
-import os
-
 import numpy as np
 import pytest
 from correct import rendering
 from faults import DESIGNS, FAULTS, MUTATIONS, caught, failed, mutated
+from laws import STRESS
 
 import stimlib
 
@@ -38,7 +37,7 @@ def test_what_is_faulty_is_not_the_scene():
 
 @pytest.mark.longer
 def test_correct_renderings_pass():
-    wrong = {seed: bad for seed in range(50 if "STIMLIB_STRESS" in os.environ else 12) if (bad := failed(seed=seed, seconds=1.0))}
+    wrong = {seed: bad for seed in range(50 if STRESS else 12) if (bad := failed(seed=seed, seconds=1.0))}
     assert not wrong
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile as sf
+from laws import STRESS
 
 import stimlib
 from stimlib import Input, Scene, constant
@@ -33,7 +34,6 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
 HAND = sinusoid(0.02, 3.0)
 RNG = random.Random(7)
-STRESS = "STIMLIB_STRESS" in os.environ
 KILLS = 20 if STRESS else 1
 QUICK = [
     ("RF64", "DOUBLE"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from laws import STRESS
 
 import stimlib
 from stimlib.errors import RecordingError
@@ -216,7 +217,7 @@ def peak(path, columns="{'x': 'x'}"):
 @pytest.mark.longer
 def test_memory_of_many_rows(path):
     """10 million rows within 1 GB is 100 bytes a row, for file, time, position and cubics; it was 430."""
-    rows = 10_000_000 if "STIMLIB_STRESS" in os.environ else 300_000
+    rows = 10_000_000 if STRESS else 300_000
     with path.open("w") as f:
         f.write("t_s,x,contact\n")
         for a in range(0, rows, 100_000):

@@ -1,16 +1,15 @@
 """Psychometric fits: against other programs, against the truth of simulated people, and of data that determine nothing."""
 
 import dataclasses as dc
-import os
 
 import numpy as np
 import pytest
+from laws import STRESS
 
 from stimlib.errors import BadValue
 from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
 from stimlib.experiments.likelihood import Model, Sets, ends, maximum
 
-STRESS = bool(os.environ.get("STIMLIB_STRESS"))
 LEVELS, YES, ASKED = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([1, 4, 9, 17, 19, 20]), np.full(6, 20)
 
 

@@ -1,17 +1,17 @@
 """Resonances from sweeps that are known, with noise that is known; and sweeps that are none."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from laws import STRESS
 from scipy.signal import chirp, cont2discrete, lfilter
 
 from stimlib.errors import BadValue, RecordingError
 from stimlib.plate import Plate, Resonance, drift, fit_frame, identify, read_sweep
 
 FS, F0, Q = 2000, 158.0, 10.0
-SWEEPS = 1000 if os.environ.get("STIMLIB_STRESS") else 40
+SWEEPS = 1000 if STRESS else 40
 
 
 def sweep(f0=F0, q=Q, seconds=2.0, rest=0.4, low=60.0, high=320.0, velocity=False):

@@ -1,11 +1,11 @@
 """The plate in a scene: against an integration in time, and what equalisation and compensation leave."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hands import DATA
+from laws import STRESS
 from scipy.integrate import solve_ivp
 
 import stimlib
@@ -18,7 +18,6 @@ from stimlib.plate import Finger, Plate, best_gain, envelope_behind, half_sine, 
 GLASS = replace(Plate.paper(measured=True), terms=12)
 FS = 8000
 RECORDED = DATA / "touch-evemu" / "finger_tablet_circle.csv"
-AT_LENGTH = bool(os.environ.get("STIMLIB_STRESS"))
 X, Y, V = Input("x", "m"), Input("y", "m"), Input("v", "V")
 
 
@@ -67,7 +66,7 @@ def integrated(rows, finger=None, modes=2):
 @pytest.mark.parametrize("motion", [stroke, recorded_stroke])
 @pytest.mark.longer
 def test_the_block_is_what_an_integrator_finds(motion):
-    rows = motion(24000 if AT_LENGTH else 60)
+    rows = motion(24000 if STRESS else 60)
     want = integrated(rows)
     got = pulled(Scene({"d": plate(X, Y, V, GLASS, modes=2)}), rows)
     assert np.abs(got - want).max() <= 1e-8 * np.abs(want).max()
