@@ -43,9 +43,14 @@ def held(v):
     return where(v > 0.0, v, where(v == v, 0.0, v))
 
 
+def between(v, low, high):
+    """v between low and high; nan where one of them is."""
+    return where(v > high, high, where(v < low, low, where(high == high, v, high)))
+
+
 def within(z, c):
     """z held between -c and c; nan where c is."""
-    return where(z > c, c, where(z < -c, -c, where(c == c, z, c)))
+    return between(z, -c, c)
 
 
 def sign(x):
@@ -291,8 +296,8 @@ class StickSlipParams(NamedTuple):
 class StickSlip(Friction):
     """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way, with any number of slips in a sample.
 
-    After m slips, the way that is left behind slip i < m is |z + dx| - c - i q, q = c - left c: the mean of the sawtooth is that
-    of the spring less q for each, and q times the sum of these ways is m q (|z + dx| - c - (m - 1) q/2).
+    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to c, of whole teeth, each q long with a mean of
+    c - q/2, and of the rest, which begins at left c: none is below 0, so nothing cancels, however many slips there are.
     """
 
     left: float
@@ -314,10 +319,12 @@ class StickSlip(Friction):
         t = z + dx
         more = abs(t) - c
         sticks = where(q > TINY, 1.0, 0.0)
-        back = where(more > 0.0, (floor(over(more, q)) + 1.0) * q, 0.0)  # by all slips
-        mean = z + 0.5 * dx - where(more > 0.0, sign(t) * (back * over(more - 0.5 * (back - q), abs(dx))), 0.0)
+        teeth = where(more > 0.0, floor(over(more, q)) * q, 0.0)  # whole ones, between the first slip and the last
+        rest = between(more - teeth, 0.0, q)
+        area = 0.5 * (c - z) * (c + z) + teeth * (c - 0.5 * q) + rest * (c - q + 0.5 * rest)
+        mean = where(more > 0.0, sign(t) * over(area, abs(dx)), z + 0.5 * dx)
         none = 0.0 * q  # where nothing can stick
-        after = where(sticks > 0.0, within(t - sign(t) * back, c), none)
+        after = where(sticks > 0.0, where(more > 0.0, sign(t) * (c - q + rest), t), none)
         return k * where(sticks > 0.0, mean, none), FrictionState(x, after, k, 0.0)
 
 

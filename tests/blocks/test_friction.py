@@ -128,6 +128,15 @@ def test_stick_slip_falls_at_its_places():
     np.testing.assert_allclose(force("stick_slip", -x), -y, atol=1e-15)
 
 
+@pytest.mark.parametrize("normal", [1e-6, 1e-12, 1e-100])
+def test_any_number_of_slips_in_a_sample_is_their_mean(normal):
+    """From a thousand to 1e97 of them: no digit is lost that the way has."""
+    dx = np.random.default_rng(0).choice([-1e-3, 1e-3, 0.3e-3, -0.7e-3], 200)
+    y = force("stick_slip", np.cumsum(np.r_[0.0, dx]), normal)[1:]
+    few = C * normal / np.abs(dx)  # the first tooth and the last are not whole
+    assert np.all(np.abs(y / (0.75 * F * normal * np.sign(dx)) - 1) <= 3 * few + 1e-12)
+
+
 # Energy --------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
 def test_no_motion_and_no_normal_force_takes_energy_out(law):
