@@ -296,8 +296,8 @@ class StickSlipParams(NamedTuple):
 class StickSlip(Friction):
     """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way, with any number of slips in a sample.
 
-    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to c, of whole teeth, each q long with a mean of
-    c - q/2, and of the rest, which begins at left c: none is below 0, so nothing cancels, however many slips there are.
+    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to c, of whole teeth, each q long with a mean
+    of c - q/2, and of the rest, which begins at left c: none is below 0, so nothing cancels, however many slips there are.
     """
 
     left: float

@@ -16,6 +16,7 @@ from ..errors import SceneError
 from ..run.processor import compile
 from . import laws
 from .evidence import FEWEST, Check, Evidence, Tap
+from .power import pairs
 
 GENERATOR = 1e-13  # of two computations of a normal deviate
 FILTERED = 1e-11  # of a filter fed with one and the other, relative to its largest sample
@@ -98,18 +99,15 @@ def noise(e: Evidence) -> list[Check]:
         e.taps[k] = dc.replace(t, spectrum=s)
         text = f"{s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
         checks.append(Check("c", f"{t.output}: spectrum, {len(s.bands)} bands", _surprise(s.p), _surprise(share), text))
-    for a, b in pairs(e):
-        assert a.model is not None
-        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, max(a.f_low, b.f_low), min(a.f_high, b.f_high))
+    for a, b, low, high, size in pairs(e):
         name = f"{a.output} and {b.output}: independence"
+        if not np.isfinite(size):
+            e.skipped.append(f"{name}: they have too few frequencies in common to tell even equal noises")
+            continue
+        assert a.model is not None
+        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, low, high)
         checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
     return checks
-
-
-def pairs(e: Evidence) -> list[tuple[Tap, Tap]]:
-    """The noises whose independence is tested."""
-    enough = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST]
-    return [(a, b) for k, a in enumerate(enough) for b in enough[k + 1 :]]
 
 
 def _surprise(p: float) -> float:

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..analysis import spectra
-from .evidence import Check, Evidence
-from .noise import pairs
+from .evidence import FEWEST, Check, Evidence, Tap
 from .scenes import SCENES, scene_law
 
 CHANCE = 0.95
@@ -65,15 +64,24 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
         if t.spectrum is not None:
             f = spectra.bins(t.stream.size, e.fs, t.f_low, t.f_high) * e.fs / t.stream.size
             found += [Shows(f"{t.output}: spectrum", *row, CHANCE) for row in of_spectrum(f, e.share)]
-    for a, b in pairs(e):
-        n, low, high = min(a.stream.size, b.stream.size), max(a.f_low, b.f_low), min(a.f_high, b.f_high)
-        size = smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)
-        found.append(Shows(f"{a.output} and {b.output}: independence", "noise in common", size, "correlation", CHANCE))
+    for a, b, _, _, size in pairs(e):
+        if np.isfinite(size):
+            found.append(Shows(f"{a.output} and {b.output}: independence", "noise in common", size, "correlation", CHANCE))
     for c in checks:
         if c.deviation:
             found.append(Shows(c.name, "stiffness", smallest_shift(c), "N/m", CHANCE))
     if all(c.passed for c in checks if c.group == "d") and np.isfinite(e.x).all():
         found += of_parameters(e)
+    return found
+
+
+def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
+    """Every two noises, the band that they have in common (Hz), and the correlation that is seen there; nan where none is."""
+    enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
+    for k, a in enumerate(enough):
+        for b in enough[k + 1 :]:
+            n, low, high = min(a.stream.size, b.stream.size), max(a.f_low, b.f_low), min(a.f_high, b.f_high)
+            found.append((a, b, low, high, smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)))
     return found
 
 

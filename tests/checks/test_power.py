@@ -13,10 +13,13 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import stimlib
+from stimlib import Input, Scene
+from stimlib import blocks as b
 from stimlib.analysis import spectra
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
-from stimlib.checks.noise import noise, pairs
+from stimlib.checks.noise import noise
+from stimlib.checks.power import pairs
 from stimlib.checks.scenes import SCENES, WORDS
 from stimlib.cli import app
 from stimlib.errors import SinkError
@@ -54,6 +57,22 @@ def test_noise_in_common_is_seen_as_surely_as_is_said():
     assert 0.93 < seen < 0.97
     late = a * np.exp(2j * np.pi * np.arange(100) / 10)  # the same noise, later: this test does not see it
     assert not any(spectra.correlated_p(*pair)[1] < 1e-6 for pair in zip(a[:99], late, strict=False))
+
+
+@pytest.mark.parametrize(("lowest", "band"), [(5.0, (5.0, 200.0)), (0.5, (2.0, 200.0)), (300.0, None)])
+def test_two_noises_are_compared_in_the_band_that_both_have(lowest, band):
+    """And where that has too few frequencies, it is said, and no check is there that cannot fail."""
+    gate = b.velocity(Input("x", "m"), 20) > 0
+    pink = b.enabled(b.pink_noise(1e-3, seed=1, f_low=lowest), by=gate)
+    slow = b.enabled(b.velocity(b.white_noise(seed=1, stream=1), 200), by=gate)
+    scene, motion = Scene({"a": pink, "b": slow}), {"x": minimum_jerk()}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 4.0))
+    ((_, _, low, high, size),) = pairs(report.evidence)
+    assert report.passed and (low, high) == (band or (lowest, 200.0))
+    assert np.isfinite(size) == any("independence" in c.name for c in report.checks) == (band is not None)
+    told = "a and b: independence: they have too few frequencies in common to tell even equal noises"
+    assert (told in report.evidence.skipped) == (band is None)
+    assert sum("independence" in s.check for s in report.certainty()) == (band is not None)
 
 
 def test_a_shift_passes_its_limit_as_surely_as_is_said():
