@@ -52,7 +52,7 @@ def scene():
 def child(call, *args):
     """A function of this file in a process of its own, which says when it begins and how far it is."""
     me = Path(__file__)
-    code = f"import sys; sys.path.insert(0, {str(me.parent)!r}); import {me.stem} as t; t.{call.__name__}(*{args!r})"
+    code = f"import sys; sys.path[:0] = {[str(p) for p in me.parents[:2]]}; import {me.stem} as t; t.{call.__name__}(*{args!r})"
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
 
 
