@@ -307,6 +307,13 @@ def test_the_text_of_a_composed_step_has_no_number_of_the_scene():
     assert text.startswith("def step(p, s, x0):") and "0.123456" not in text
 
 
+def test_whoever_empties_linecache_takes_no_text_away(monkeypatch):
+    scene = Scene({"y": loop(lambda y: y + 0.25 * (x * x * x - y))})
+    stimlib.compile(scene, FS, "python")
+    monkeypatch.setattr(linecache, "cache", {})
+    assert stimlib.compile(scene, FS).process(np.ones((1, 2)))[0].tolist() == [0.25, 0.4375]
+
+
 def cycle_of(outputs, fs=FS):
     proc = stimlib.compile(Scene(outputs), fs, "python")
     return proc, next(q.block for q in proc.program.instances if isinstance(q.block, Cycle))

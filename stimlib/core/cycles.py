@@ -349,7 +349,9 @@ def _function(text: str, space: dict[str, Any]) -> Any:
     file = f"<loop {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file
     exec(compile(text, file, "exec"), space)  # a text of this module: nothing of a scene's file is in it
-    return space["tile" if text.startswith("def tile") else "step"]
+    f = space["tile" if text.startswith("def tile") else "step"]
+    steps.source(f)  # read now: anybody may empty linecache
+    return f
 
 
 def _expression(f: Callable, args: list[str], names: _Names) -> str | None:
