@@ -29,6 +29,8 @@ TABLE = {e.name: e for e in contract.TABLE}
 FIRST = set({e.cls: e.name for e in reversed(contract.TABLE)}.values())  # of each class one
 OWN = {name for name, cls in registry.items() if any(c in blockforms.LOWERINGS for c in cls.__mro__)}  # the others are steps
 FORMS = {e.name for e in contract.TABLE if e.cls in OWN and re.search("live|contact|nested|param|many|l1", e.name)}
+DEAR = {"avatar_frames", "bump_square", "crossing", "cursor_frames", "friction_coulomb", "friction_dahl", "friction_stribeck"}
+DEAR |= {"lut2_cubic", "springpot_bound", "springpot_path", "track"}  # to compile; they go the way of every step
 N = 3000
 
 
@@ -38,7 +40,7 @@ def drive(e, n, fs):
 
 # Every block ---------------------------------------------------------------------------------------------------------
 @pytest.mark.filterwarnings("ignore:.*longer than horizon")  # springpot_short
-@pytest.mark.parametrize("name", mostly(FIRST | FORMS, TABLE))
+@pytest.mark.parametrize("name", mostly((FIRST | FORMS) - DEAR, TABLE))
 def test_every_block_equals_the_reference(name):
     e = TABLE[name]
     a = agreement(e.scene(), drive(e, N, e.rates[0]), e.rates[0], n=N, params={"live": -0.7})

@@ -211,7 +211,7 @@ def test_law_6_outputs_stay_finite(entry, bad):
             assert_same(y, np.array([w for w, _ in wanted]), f"input {row}, {proc}")
             assert np.isfinite(y).all()
             assert proc.fault == (min(faults)[::-1] if faults else None)
-            proc.process(rows(proc, x, entry.inputs))
+            proc.process(rows(proc, x[:, :20], entry.inputs))
             assert (proc.fault is None) == (not faults), "latched until reset"
             proc.reset()
             assert proc.fault is None
