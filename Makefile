@@ -6,7 +6,7 @@ ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest stress stress-real-time stress-rest soak randomness lint docs bench lock clean
+.PHONY: demo test tests test-lowest stress stress-real-time stress-rest soak randomness lint style types docs bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -31,25 +31,33 @@ endef
 demo: .venv/ready
 	$(BIN)/stimlib demo demo
 
-lint: .venv/ready
+lint: style types
+
+style: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: .venv/ready
 	$(BIN)/mypy
 
-# What every worker imports, compiled once while the linters run: in a new environment each of them would do it for itself.
+# What every worker imports, compiled once while mypy runs: in a new environment each of them would do it for itself.
 .venv/compiled: .venv/ready
 	@$(BIN)/python -m pytest --collect-only -q >/dev/null 2>&1; touch $@
 
-# Three workers on two cores: a tenth of the tests wait for real time.
-test: .venv/ready
-	@$(MAKE) -j 2 lint .venv/compiled
+# Three workers on two cores: a tenth of the tests wait for real time.  What each of them does, and when: tests/conftest.py.
+WORKERS := -n 3 --dist loadgroup --no-loadscope-reorder
+
+test: style
 	@sh tests/devices/install.sh
-	$(ENV) $(BIN)/python -m pytest -q -n 3 --dist loadgroup
+	@$(MAKE) -j 2 types tests
+
+tests: .venv/compiled
+	$(ENV) $(BIN)/python -m pytest -q $(WORKERS)
 
 # The same tests on the lowest versions that pyproject.toml allows, on the lowest Python.
 test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
-	$(ENV) .venv-lowest/bin/python -m pytest -q -n 3 --dist loadgroup
+	$(ENV) .venv-lowest/bin/python -m pytest -q $(WORKERS)
 
 LONGER = -m 'stress or longer or hypothesis'
 REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
@@ -66,7 +74,7 @@ stress-real-time:
 	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(REAL_TIME)
 
 stress-rest:
-	STIMLIB_STRESS=1 $(ENV) nice -n 19 $(BIN)/python -m pytest -q -n 3 --dist loadgroup $(LONGER) $(REAL_TIME:%=--ignore=%)
+	STIMLIB_STRESS=1 $(ENV) nice -n 19 $(BIN)/python -m pytest -q $(WORKERS) $(LONGER) $(REAL_TIME:%=--ignore=%)
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.
 randomness: .venv/ready

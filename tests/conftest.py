@@ -118,6 +118,20 @@ def pytest_collection_modifyitems(config, items):
     for item in items:  # each file is done by one worker, which alone pays what it imports and compiles
         if not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.path.relative_to(config.rootpath).as_posix()))
+    items[:] = dealt(items)
+
+
+WAITING = ("jack", "tests/devices/test_null.py", "tests/devices/test_portaudio.py", "tests/live/test_asking.py", "browser")
+
+
+def dealt(items):
+    """First the laws, which compile what many others use; those that wait for real time one by one among those that compute."""
+    units: dict[str, list] = {}
+    for item in items:
+        units.setdefault(item.get_closest_marker("xdist_group").args[0], []).append(item)
+    computing = sorted(units.keys() - set(WAITING), key=lambda name: (name != "tests/test_laws.py", list(units).index(name)))
+    turn = {name: k / len(computing) for k, name in enumerate(computing)} | {name: 0.08 * k for k, name in enumerate(WAITING)}
+    return [item for name in sorted(units, key=turn.__getitem__) for item in units[name]]
 
 
 def own_shared_memory():

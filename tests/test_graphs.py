@@ -226,7 +226,7 @@ def check_independence(scene, fs, seed, x, sets):
             assert_same(got[list(outputs).index(name)], y[name], f"{name} among {list(outputs)}")
 
 
-GRAPHS = 120 if STRESS else 30  # each is compiled anew
+GRAPHS = 120 if STRESS else 20  # each is compiled anew
 
 
 @pytest.mark.longer

@@ -347,7 +347,7 @@ def play(folder):
 def test_a_killed_sink_leaves_a_log_that_is_verified(tmp_path):
     for trial in range(KILLS):
         folder = tmp_path / f"{trial}.stimlog"
-        played = killed_after(RNG.uniform(0.1, 0.3), play, str(folder))
+        played = killed_after(RNG.uniform(0.3, 0.6), play, str(folder))
         log = read_log(folder)
         found = replay(log)
         assert found.matches and found.missing == 0, str(found)
