@@ -307,7 +307,8 @@ def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server):
         client.say("start")
         client.until(phase="running")
         for name, (headers, messages, code) in FAULTS.items():
-            assert knock(server, headers, messages) == code, name
+            said = knock(server, headers, messages)
+            assert said == code or (name == "a flood" and said is None), name  # cut off, it may come before the reason
         client.hear(10)
         client.say("stop")
         client.until(phase="idle")
