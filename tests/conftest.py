@@ -44,7 +44,7 @@ def pytest_collection_finish(session):
 
 def pytest_sessionfinish():
     gc.collect()
-    gc.freeze()  # where pytest collects five times more, in each worker: 15 s
+    gc.freeze()  # pytest would collect five times more, in each worker: some 10 s
 
 
 def pytest_runtest_setup(item):
