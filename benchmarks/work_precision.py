@@ -1,7 +1,11 @@
-"""Run time against error of every operator, beside others; with --record the tables and pictures in benchmarks/work_precision.
+"""Run time against error of every operator, beside others.
 
-The same as ``stimlib bench --work-precision FOLDER``; what it measures stands in ``stimlib/speed/problems``.  ``--only NAME``
-measures some of them.  With --record, docs/explanation/work_precision.csv is then written anew from all tables that are recorded.
+python benchmarks/work_precision.py figures            tables and pictures of all operators, in a folder that is there
+python benchmarks/work_precision.py figures --only pink      of one
+python benchmarks/work_precision.py --record           and keep them in benchmarks/work_precision
+
+What it measures is in ``benchmarks/problems``.  With --record, docs/explanation/work_precision.csv is then written anew from
+all tables that are recorded.
 """
 
 import csv
@@ -9,9 +13,8 @@ import tempfile
 from pathlib import Path
 
 from bench import options
+from precision import best, problems, recorded, regenerate, summary, table
 from rich.console import Console
-
-from stimlib.speed.precision import best, problems, recorded, regenerate, summary, table
 
 KEPT = Path(__file__).parent / "work_precision"
 SUMMARY = Path(__file__).parents[1] / "docs" / "explanation" / "work_precision.csv"
@@ -27,8 +30,11 @@ if __name__ == "__main__":
         metavar="NAME",
         help="name of a problem, such as pink; again for another",
     )
+    parser.add_argument("folder", nargs="?", type=Path, help="where tables and pictures go, if they are not recorded")
     given = parser.parse_args()
-    Console(width=160).print(table(regenerate(KEPT if given.record else Path(tempfile.mkdtemp()), given.only)))
+    folder = KEPT if given.record else given.folder or Path(tempfile.mkdtemp())
+    Console(width=160).print(table(regenerate(folder, given.only)))
+    print(f"of each operator: {folder / 'NAME.csv'}, all its points, and {folder / 'work_NAME.svg'}")
     if given.record:
         with SUMMARY.open("w", newline="") as f:
             csv.writer(f, lineterminator="\n").writerows(summary(best(recorded(KEPT))))

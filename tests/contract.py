@@ -26,6 +26,7 @@ from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance
 from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
+from stimlib.blocks.onset import First
 from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.blocks.tracking import track, track_velocity
 from stimlib.core.graph import Block, Guard, registry
@@ -76,6 +77,12 @@ def sparse(rng, n, fs):
     return y
 
 
+def timed(x):
+    """What begins with a run: the time, noise in a gate, a parameter in there, a delay, and a filter that has settled."""
+    noise = Param("g", 0.5) * b.delay(b.pink_noise(1.0, 4, 1, 20.0), 9)
+    return b.elapsed() / constant(0.01, "s") * b.delay(x, 3) + b.enabled(noise, by=x > 0.0)
+
+
 # The table -----------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Entry:
@@ -111,6 +118,47 @@ class Entry:
         """Rows for the inputs of ``block``, in the order of its arguments."""
         rng = np.random.default_rng([seed, n])
         return np.array([d(rng, n, fs) for d in self.drive]).reshape(len(self.drive), n)
+
+
+# Laws of what is put together from blocks, written from its formula --------------------------------------------------
+def kelvin_voigt(k, b):
+    """k + i w b, half a sample late, within (w/fs)^2/8."""
+
+    def formula(f, fs):
+        return (k + 2j * np.pi * f * b) * np.exp(-1j * np.pi * f / fs)
+
+    return Law(law.band(1e-3, lambda fs: fs / 100), formula, (np.pi / 100) ** 2 / 2, f"{k:g} + i w {b:g}")
+
+
+def creep(chi, alpha):
+    """1/(chi (i w)^alpha) of forces that are straight between samples: all aliases behind the spectrum of a triangle."""
+
+    def formula(f, fs):
+        part, end = f / fs, law.ALIASES[-1] + 0.5
+        g = part[:, None] + law.ALIASES
+        near = np.sum(np.sinc(g) ** 2 / (1j * g) ** alpha, axis=1)
+        # all further aliases, nearly: the integrals of (i x)^-alpha/x^2 from both ends on
+        far = 2 * np.cos(np.pi * alpha / 2) * end ** -(1 + alpha) / (1 + alpha)
+        return (near + (np.sin(np.pi * part) / np.pi) ** 2 * far) / (chi * (2 * np.pi * fs) ** alpha)
+
+    return Law(law.whole_band(40), formula, 1e-7, f"1/({chi:g} (i w)^{alpha:g}) of straight lines", size=law.largest)
+
+
+def power(chi, alpha):
+    """chi (i w)^alpha, far below the sample rate."""
+    low = law.band(0.01, lambda fs: fs / 1000)
+    return Law(low, lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3, f"{chi:g} (i w)^{alpha:g}")
+
+
+def state_variable(freq, q, passes):
+    """(m2 s^2 + m1 s/q + m0)/(s^2 + s/q + 1) at s = i tan(pi f/fs)/tan(pi freq/fs)."""
+    m2, m1, m0 = passes
+
+    def formula(f, fs):
+        s = 1j * np.tan(np.pi * f / fs) / np.tan(np.pi * freq / fs)
+        return (m2 * s * s + m1 * s / q + m0) / (s * s + s / q + 1)
+
+    return Law(law.whole_band(200), formula, 1e-10, f"two poles at {freq:g} Hz, q = {q:g}", size=law.largest)
 
 
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
@@ -209,7 +257,9 @@ TABLE = [
     ),
     Entry("first_order_fast", "FirstOrder", lambda x: b.first_order(x, 1e-5), (normal,), lti=True,
         laws=(law.ramp_invariant(1e-5),)),
-    Entry("kelvin_voigt", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0), (squeeze,), lti=True, unit="m"),
+    Entry("kelvin_voigt", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0), (squeeze,), lti=True, unit="m",
+        laws=(kelvin_voigt(300.0, 2.0),)),
+    Entry("kelvin_voigt_smooth", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0, 100.0), (squeeze,), lti=True, unit="m"),
     Entry("spring", "Mul", lambda x: b.spring(x, Param("k", 2000.0, "N/m")), (squeeze,), lti=True, unit="m"),
     Entry(
         "pinking", "Pinking", lambda x: b.pinking(x, f_low=10.0), (normal,), lti=True, rates=(8000.0, 1000.0),
@@ -251,6 +301,15 @@ TABLE = [
     ),
     Entry("enabled_by_param", "Enabled", lambda x: x * b.enabled(b.white_noise(4), by=b.nonzero(Param("g", 1.0))), (normal,)),
     Entry("enabled_const", "Enabled", lambda x: b.enabled(constant(2.0), by=x), (normal,)),
+    Entry("segment", "Segment",
+        lambda x, c: b.segment(b.velocity(x, 30.0, contact=c > 0.0) * b.white_noise(4), 0.003, 0.1, seed=3), (squeeze, held)),
+    Entry("segments", "Segment", lambda x: sum(b.segment(timed(x), start, 0.0105) for start in (0.0, 0.011, 0.09)), (held,)),
+    Entry("segment_nested", "Segment",
+        lambda x: b.segment(
+            x + b.segment(b.loop(lambda last: 0.5 * last + x), 0.0, 0.01) + b.segment(timed(x), 0.005), 0.002, 0.02), (held,)),
+    Entry("segment_gated", "Enabled",
+        lambda x: b.enabled(b.segment(b.elapsed() + constant(1.0, "s"), 0.001, 0.004), by=x), (ties,), edges=True),
+    Entry("interval", "Interval", lambda x: b.where(b.segment(x, 0.004, 0.01).by, x, -x), (normal,)),
     Entry(
         "differentiated_pink", "Enabled",
         lambda x: b.velocity(x) * b.enabled(b.differentiator(b.pink_noise(1 / np.pi, 7, f_low=10.0), 1000.0),
@@ -375,9 +434,9 @@ def unit_interval(a):
 
 TABLE += [
     Entry("springpot", "Springpot", lambda y: b.springpot(y, 25.0, 0.35), (squeeze,), unit="m",
-        laws=(law.power(25.0, 0.35),)),
+        laws=(power(25.0, 0.35),)),
     Entry("springpot_l1", "Springpot", lambda y: b.springpot(y, 25.0, 0.7, "l1", tol=1e-6), (squeeze,), unit="m",
-        laws=(law.power(25.0, 0.7),)),
+        laws=(power(25.0, 0.7),)),
     Entry("springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"),
     Entry("springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"),
     Entry("springpot_short", "Springpot", lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008), (normal,), lti=True,
@@ -398,8 +457,10 @@ TABLE += [
     Entry("series_spring", "Series", lambda y: b.springpot_series(y, 25.0, 0.35, k=400.0), (squeeze,), unit="m"),
     Entry("series_dashpot", "Series", lambda y, c: b.springpot_series(y, 25.0, 0.6, b=2.0, scheme="gl", contact=c > 0.0),
         (squeeze, held)),
-    Entry("compliance", "Integral", lambda f: b.compliance(f, 25.0, 0.35), (normal,), unit="N"),
-    Entry("compliance_dashpot", "Integral", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"),
+    Entry("compliance", "Integrate", lambda f: b.compliance(f, 25.0, 0.35), (normal,), unit="N"),
+    Entry("compliance_l1", "Springpot", lambda f: b.compliance(f, 25.0, 0.35, "l1", tol=1e-12), (normal,), unit="N",
+        laws=(creep(25.0, 0.35),)),
+    Entry("compliance_dashpot", "Integrate", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"),
     Entry("springpot_last_100", "ShortMemory", lambda y: b.springpot(y, 25.0, 0.35, "gl-short-memory"), (squeeze,), lti=True,
         unit="m"),
 ]  # fmt: skip
@@ -499,6 +560,9 @@ def butter(band, edges, order):
 
 
 TABLE += [
+    Entry("first", "First", lambda x: First(x), (normal,)),
+    Entry("lowpass_steady", "First", lambda x: b.lowpass(x, 60.0, 4, "elliptic", onset="steady"), (squeeze,),
+        laws=(law.family("lowpass", [60.0], 4, "elliptic", 1.0, 60.0),)),
     Entry("lowpass", "Filter", lambda x: b.lowpass(x, 100.0), (normal,), lti=True, laws=(butter("lowpass", [100.0], 2),)),
     Entry("lowpass_slow", "Filter", lambda x: b.lowpass(x, 0.1, 3), (held,), lti=True, settle=1 << 20,
         laws=(butter("lowpass", [0.1], 3),)),
@@ -512,15 +576,15 @@ TABLE += [
         laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),)),
     Entry("sos", "Sos", lambda x: b.sos(x, ROWS), (normal,), lti=True, laws=(law.biquads(np.array(ROWS)),)),
     Entry("resonator", "Resonator", lambda x: b.resonator(x, 158.0, 20.0), (normal,), lti=True,
-        laws=(law.resonance(158.0, 20.0, (0, 1, 0)),)),
+        laws=(law.resonance(158.0, 20.0),)),
     Entry("notch", "Resonator", lambda x: b.notch(x, 50.0, 3.0), (normal,), lti=True,
-        laws=(law.resonance(50.0, 3.0, (1, 0, 1)),)),
+        laws=(law.resonance(50.0, 3.0, True),)),
     Entry("mode", "Mode", lambda x: b.mode(x, 158.0, 10.0), (normal,), lti=True, laws=(law.oscillator(158.0, 10.0),)),
     Entry("mode_shape", "Shape", lambda x, y: b.mode_shape(0.05 * x, 0.05 * y, BENT, 0.1, 0.07), (normal, held), unit="m"),
     Entry("pole_swap", "PoleSwap", lambda x: b.pole_swap(x, 158.0, 10.0, 4.0), (normal,), lti=True,
         laws=(law.pole_swap(158.0, 10.0, 4.0),)),
     Entry("svf", "Svf", lambda x: b.svf(x, 120.0, 2.0, "highpass"), (normal,), lti=True,
-        laws=(law.resonance(120.0, 2.0, (1, 0, 0)),)),
+        laws=(state_variable(120.0, 2.0, (1, 0, 0)),)),
     Entry("svf_live", "Svf", lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"), (normal, held, held)),
     Entry("svf_param", "Svf", lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"), (normal,)),
     Entry("integrate", "Integrate", lambda x: b.integrate(x), (normal,), laws=(law.integral(0.0),)),

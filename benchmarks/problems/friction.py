@@ -7,10 +7,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from precision import Method, Problem, Signal, apart, on, own
 from scipy import integrate
 
-from ...blocks import friction
-from ..precision import Method, Problem, Signal, apart, on, own
+from stimlib.blocks import friction
 
 # LuGre with Stribeck's curve (Canudas de Wit et al. 1995, eqs. 1 to 4): N/m, N s/m, N s/m, N, -, m/s
 STIFFNESS, DAMPING, VISCOSITY, NORMAL, SLIDING, STATIC, SPEED = 2e4, 1.0, 0.4, 1.0, 0.6, 0.8, 0.02

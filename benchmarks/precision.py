@@ -1,6 +1,6 @@
 """Run time against error: every method of a problem with its own knob, each a point for the error it has and the time it takes.
 
-A problem (``stimlib.speed.problems``) has a reference from another route: a formula, mpmath, long double.  Errors and times are
+A problem (``benchmarks/problems``) has a reference from another route: a formula, mpmath, long double.  Errors and times are
 measured in separate runs; times by jobs that take turns.  What fails is a row that says so.
 """
 
@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.picture import check_place, save
-from ..core import regular
-from ..core.graph import Block, Input
-from ..core.progress import progress
-from ..core.scene import Scene
-from ..errors import UnknownName
-from ..run.processor import compile
-from .timing import interleaved, machine, medians
+from stimlib.analysis.picture import check_place, save
+from stimlib.core import regular
+from stimlib.core.graph import Block, Input
+from stimlib.core.progress import progress
+from stimlib.core.scene import Scene
+from stimlib.errors import UnknownName
+from stimlib.run.processor import compile
+from stimlib.speed.timing import interleaved, machine, medians
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -94,7 +94,7 @@ def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point
 
     Examples
     --------
-    >>> from stimlib.speed.precision import Method, Problem, measure
+    >>> from precision import Method, Problem, measure
     >>> half = Method("half", "1", lambda: None, lambda: 0.5)
     >>> measure(Problem("p", "a problem", "error", 10, lambda: [half]), timed=False)[0].error
     0.5
@@ -132,7 +132,7 @@ def own(block: Callable[..., Block], fs: float, units: str | tuple[str, ...] = "
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.speed.precision import own
+    >>> from precision import own
     >>> own(lambda x, k: k * x, 8000.0)(3.0)(np.ones(2))
     array([3., 3.])
     >>> own(lambda x, y, k: x + k * y, 8000.0, ("m", "m"))(3.0)(np.ones((2, 2)))
@@ -162,7 +162,7 @@ def always(f: Signal) -> Callable[[Any], Signal]:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.speed.precision import always
+    >>> from precision import always
     >>> always(np.negative)("any knob")(np.ones(2))
     array([-1., -1.])
     """
@@ -188,7 +188,7 @@ def on(x: np.ndarray, error: Callable[[Signal], float], ladders: Mapping[str, La
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.speed.precision import on
+    >>> from precision import on
     >>> ladders = {"scale": ([1, 2], lambda k: lambda x: k * x)}
     >>> [m.error() for m in on(np.ones(3), lambda f: float(f(np.ones(1))[0]), ladders)]
     [1.0, 2.0]
@@ -216,7 +216,7 @@ def apart(y: np.ndarray, wanted: np.ndarray) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.speed.precision import apart
+    >>> from precision import apart
     >>> apart(np.array([1.0, 2.5]), np.array([1.0, 2.0]))
     0.25
     """
@@ -229,7 +229,7 @@ def response(f: Signal, n: int, at: int = 0) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.speed.precision import response
+    >>> from precision import response
     >>> abs(response(lambda x: 0.5 * x, 8))
     array([0.5, 0.5, 0.5, 0.5, 0.5])
     """
@@ -249,11 +249,11 @@ def problems(only: Iterable[str] = ()) -> list[Problem]:
 
     Examples
     --------
-    >>> from stimlib.speed.precision import problems
+    >>> from precision import problems
     >>> [p.name for p in problems(["bumps"])]
     ['bumps']
     """
-    from .problems import ALL
+    from problems import ALL
 
     known = {p.name: p for p in ALL}
     if unknown := [name for name in only if name not in known]:
@@ -283,7 +283,7 @@ def best(points: Iterable[Point]) -> list[Best]:
 
     Examples
     --------
-    >>> from stimlib.speed.precision import Point, best
+    >>> from precision import Point, best
     >>> rows = [Point("p", "stimlib x", "1", 1e-9, 2.0), Point("p", "scipy", "1", 1e-3, 5.0), Point("p", "numpy", "1", 1e-9, 8.0)]
     >>> [(b.other.family, b.reached, b.times) for b in best(rows)]
     [('numpy', True, 4.0)]
@@ -309,7 +309,7 @@ def table(points: Iterable[Point]) -> Table:
 
     Examples
     --------
-    >>> from stimlib.speed.precision import Point, table
+    >>> from precision import Point, table
     >>> table([Point("pink", "stimlib x", "1", 1e-9, 2.0)]).row_count
     1
     """
@@ -327,7 +327,7 @@ def summary(found: Iterable[Best]) -> list[tuple[str, ...]]:
 
     Examples
     --------
-    >>> from stimlib.speed.precision import Point, best, summary
+    >>> from precision import Point, best, summary
     >>> summary(best([Point("pink", "stimlib x, tol", "1", 1e-9, 2.0), Point("pink", "scipy", "", 1e-3, 5.0)]))[0][2:]
     ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09', '2', 'scipy', '1.0e-03', '5')
     """
@@ -350,7 +350,7 @@ def record(points: list[Point], path: str | os.PathLike) -> None:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from stimlib.speed.precision import Point, record
+    >>> from precision import Point, record
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "p.csv"
     >>> record([Point("p", "ours", "1e-3", 1e-4, 2.0)], path)
     >>> path.read_text().splitlines()[1:]
@@ -370,7 +370,7 @@ def recorded(folder: str | os.PathLike) -> list[Point]:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from stimlib.speed.precision import Point, record, recorded
+    >>> from precision import Point, record, recorded
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> record([Point("pink", "ours", "1e-3", 1e-4, 2.0)], folder / "pink.csv")
     >>> recorded(folder)
@@ -395,7 +395,7 @@ def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> N
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from stimlib.speed.precision import Point, Problem, picture
+    >>> from precision import Point, Problem, picture
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "p.png"
     >>> picture(Problem("p", "a problem", "error", 10, list), [Point("p", "ours", "1e-3", 1e-4, 2.0)], path)
     >>> path.stat().st_size > 5000
@@ -442,7 +442,7 @@ def regenerate(folder: str | os.PathLike, only: Iterable[str] = (), rounds: int 
     Examples
     --------
     >>> import tempfile
-    >>> from stimlib.speed.precision import regenerate
+    >>> from precision import regenerate
     >>> regenerate(tempfile.mkdtemp(), ["table"], rounds=1)[0].family
     'stimlib lut linear, knots'
     """

@@ -5,14 +5,14 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from precision import Method, Problem, Signal, apart, on, own, response
 from scipy import signal
 
-from ...blocks import differentiator, pinking, white_noise
-from ...core.scene import Scene
-from ...design.differentiator import differentiator_order, differentiator_taps
-from ...design.pink import PinkDesign, pink_modes
-from ..chain import puller
-from ..precision import Method, Problem, Signal, apart, on, own, response
+from stimlib.blocks import differentiator, pinking, white_noise
+from stimlib.core.scene import Scene
+from stimlib.design.differentiator import differentiator_order, differentiator_taps
+from stimlib.design.pink import PinkDesign, pink_modes
+from stimlib.speed.chain import puller
 
 FS, SAMPLES = 8000.0, 1 << 16
 LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz

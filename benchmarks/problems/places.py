@@ -8,14 +8,15 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate, ndimage, signal
 
-from ...blocks import grating, lut2, spatial_noise, texture
-from ...checks import laws
-from ...checks.surfaces import gratings, roughness
-from ...core.graph import Input
-from ...design.texture import made_up
-from ..precision import Method, Problem, Signal, apart, on, own
+from stimlib.blocks import grating, lut2, spatial_noise, texture
+from stimlib.checks import laws
+from stimlib.checks.surfaces import gratings, roughness
+from stimlib.core.graph import Input
+from stimlib.design.texture import made_up
+
 from .surface import averaged
 
 FS, SAMPLES = 8000.0, 1 << 14

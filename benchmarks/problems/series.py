@@ -10,11 +10,11 @@ from functools import partial
 from math import gamma
 
 import numpy as np
+from precision import Ladder, Method, Problem, Signal, apart, on, own
 from scipy import signal
 from scipy.special import erfcx
 
-from ...blocks import compliance, compliance_generalized_kelvin_voigt, generalized_maxwell, springpot_series
-from ..precision import Ladder, Method, Problem, Signal, apart, on, own
+from stimlib.blocks import compliance, compliance_generalized_kelvin_voigt, generalized_maxwell, springpot_series
 
 SECONDS, RATES = 2.0, (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 ALPHA = 0.5

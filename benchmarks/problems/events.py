@@ -6,11 +6,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from precision import Ladder, Method, Problem, Signal, always, apart, on, own
 from scipy import signal
 
-from ...blocks import burst, envelope, grain, ring
-from ...core.graph import Block
-from ..precision import Ladder, Method, Problem, Signal, always, apart, on, own
+from stimlib.blocks import burst, envelope, grain, ring
+from stimlib.core.graph import Block
 
 FS, SAMPLES = 8000.0, 1 << 15
 LD = np.longdouble

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from precision import Ladder, Method, Problem, Signal, always, apart, on, own
 from scipy import interpolate, signal
 
-from ...blocks import chirp, oscillator, playback, pulse_train
-from ..precision import Ladder, Method, Problem, Signal, always, apart, on, own
+from stimlib.blocks import chirp, oscillator, playback, pulse_train
 
 FS, SAMPLES = 8000.0, 1 << 16
 LD = np.longdouble

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
+from precision import Ladder, Method, Problem, Signal, apart, on, own
 from scipy import signal
 
-from ...blocks import maxwell, springpot
-from ..precision import Ladder, Method, Problem, Signal, apart, on, own
+from stimlib.blocks import maxwell, springpot
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
 N = int(FS * SECONDS)

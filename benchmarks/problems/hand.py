@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate, signal
 
-from ...blocks import track_velocity, velocity
-from ...motion.recorded import recording
-from ..precision import Method, Problem, Signal, apart, on, own
+from stimlib.blocks import track_velocity, velocity
+from stimlib.motion.recorded import recording
 
 FS, SECONDS = 8000.0, 8.0
 T = np.arange(int(FS * SECONDS)) / FS

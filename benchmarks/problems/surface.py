@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate
 
-from ...blocks import bump, lut
-from ..precision import Method, Problem, Signal, apart, on, own
+from stimlib.blocks import bump, lut
 
 FS, SAMPLES, DUTY = 8000.0, 1 << 16, 0.6
 LD = np.longdouble
