@@ -23,6 +23,7 @@ from stimlib.sweep import grid
 from stimlib.sweep.drive import job_rows, joined
 from stimlib.sweep.engines import BESIDE, Cluster
 from stimlib.sweep.plan import row_keys
+from stimlib.sweep.rows import table_of
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
 from stimlib.sweep.work import as_bytes, from_bytes
@@ -96,9 +97,9 @@ def parts(engine: Cluster, store: Store, todo: Any, size: int, jobs: int) -> int
     sent = done = 0
     while done < jobs:
         while sent < jobs and engine.room():
-            engine.submit(rows := todo.slice(sent * size, size), as_bytes(rows))
+            engine.submit(rows := todo.slice(sent * size, size), as_bytes(rows), False, 1e9)
             sent += 1
-        rows, result, _ = engine.take()
+        rows, result = engine.take()
         store.add(joined(engine._plan, rows, from_bytes(result[0])))
         done += 1
     return jobs
@@ -107,7 +108,8 @@ def parts(engine: Cluster, store: Store, todo: Any, size: int, jobs: int) -> int
 def measured(client: Any) -> dict[str, float]:
     """Seconds: of a task that does nothing and of a job, in client and scheduler and in a worker; and of a row."""
     words: Any = {"motion": minimum_jerk(depth=0.02), "measures": ["rms", "peak"], "fs": 8000, "seconds": 3.0}
-    table, plan, motions, *_ = planned(squeeze(), grid(seed=range(20), k=np.linspace(500, 3000, 400)), **words, live=None)
+    words |= {"live": None, "kept": False}
+    table, plan, motions, *_ = planned(squeeze(), table_of(grid(seed=range(20), k=np.linspace(500, 3000, 400))), words)
     todo = table.append_column("key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()}))
     costs = Costs(client)
 

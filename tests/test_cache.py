@@ -7,6 +7,8 @@ import re
 import shutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -96,20 +98,30 @@ def cache(wanted, tmp_path_factory):
 
 
 # Folders -------------------------------------------------------------------------------------------------------------
-def test_processes_that_start_at_once_share_one_folder(small, wanted, tmp_path):
-    give_runtime(tmp_path / "new")
-    processes = [start(small, tmp_path / "new") for _ in range(2)]
-    assert {finish(p)[0] for p in processes} == {wanted[0]}
-    assert not list((tmp_path / "new").rglob("*.tmp"))
+LOGS = "import logging; logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')"
+
+
+def test_processes_that_start_at_once_compile_each_entry_once(small, wanted, tmp_path):
+    new = give_runtime(tmp_path / "new")
+    small.write_text(LOGS + SMALL.replace("proc =", "open(sys.argv[1], 'w'), sys.stdin.read(1)\nproc ="))
+    processes = [start(small, new, str(tmp_path / f"ready{k}"), stdin=subprocess.PIPE) for k in range(2)]
+    while len(list(tmp_path.glob("ready*"))) < 2:
+        assert [p.poll() for p in processes] == [None, None]
+        time.sleep(0.02)
+    for process in processes:
+        process.stdin.close()
+        process.stdin = None
+    ends = [finish(p) for p in processes]
+    assert {y for y, _ in ends} == {wanted[0]}
+    compiled = re.findall(r"cache miss: (\w+)", ends[0][1] + ends[1][1])
+    assert sorted(compiled) == sorted({p.name for p in new.iterdir()} - {runtime_entry().name})
 
 
 def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
     cache = shutil.copytree(wanted[1], tmp_path / "cache")
     (lost,) = cache.glob("Guard_*")
     shutil.rmtree(lost)
-    small.write_text(
-        "import logging; logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')" + SMALL
-    )
+    small.write_text(LOGS + SMALL)
     told = [line for line in run(small, cache)[1].splitlines() if line.startswith("stimlib.")]
     assert [line for line in told if re.match("stimlib.targets.numba.cache DEBUG cache hit: runtime_", line)]
     assert [line for line in told if re.match(rf"stimlib.targets.numba.cache INFO cache miss: {lost.name} compiled in \d", line)]
@@ -175,6 +187,35 @@ def test_a_full_folder_is_a_warning(twice, mounted, left):
     with pytest.warns(RuntimeWarning, match="No space"):
         assert twice(folder, fill) == 42.0
     assert not list(folder.glob("twice_*"))
+
+
+HOLDS = """
+import fcntl, sys, time
+file = open(sys.argv[1], "w")
+fcntl.flock(file, fcntl.LOCK_EX)
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("end", ["killed", "stopped"])
+def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(twice, tmp_path, monkeypatch, end):
+    text = f"# {tmp_path}{TWICE}"
+    lock = tmp_path / "cache" / f"twice_{caches._sum((text + salt()).encode())[:20]}.lock"
+    lock.parent.mkdir(mode=0o700)
+    if end == "stopped":
+        monkeypatch.setattr(caches, "WAIT", 0.1)
+    with subprocess.Popen([sys.executable, "-c", HOLDS, lock], stdout=subprocess.PIPE) as holder:
+        holder.stdout.read(4)
+        with ThreadPoolExecutor(1) as thread:
+            loading = thread.submit(twice, lock.parent)
+            if end == "killed":
+                time.sleep(1.0)
+                assert [p.name for p in lock.parent.iterdir()] == [lock.name], "nothing is compiled"
+                holder.kill()
+            assert loading.result(30) == 42.0
+        holder.kill()
+    assert [p.name for p in lock.parent.iterdir()] == [lock.stem]
 
 
 # Blocks of users -----------------------------------------------------------------------------------------------------

@@ -1,14 +1,17 @@
 """Several processes: as one, and none of them is left when the work is stopped, however that is."""
 
+import itertools
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+from laws import mostly
 
-from stimlib.core.pool import Pool, WorkerDied, spread
+from stimlib.core.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
 
 WORK = """
 import os, time
@@ -50,7 +53,7 @@ def alive(pid):
     try:
         with open(f"/proc/{pid}/stat") as f:
             return f.read().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # which comes where it ends meanwhile
         return False
 
 
@@ -85,6 +88,176 @@ def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
     assert {name for name in os.listdir(folder) if "pid" not in name} == {"0"}
 
 
+@pytest.fixture(scope="module")
+def workers():
+    with Pool(1) as pool:
+        yield pool
+
+
+def ask(pool, function, *args, **limits):
+    pool.submit("question", function, *args, **limits)
+    what, result, error = pool.take()
+    assert (what, error) == ("question", None)
+    return result
+
+
+# What a worker may be in the middle of while its driver ends.  Each writes a file "NAME PID" first.
+STUCK = """
+import ctypes, functools, itertools, os, resource, signal, subprocess, sys, threading, time
+from pathlib import Path
+
+def stuck(folder, name):
+    globals()[name](functools.partial(here, folder, name))
+
+def here(folder, name, pid=None):
+    Path(folder, f"{name} {pid or os.getpid()}").touch()
+
+def busy():
+    sum(itertools.repeat(0))  # in C, without a look at signals, and no other thread runs
+
+def sleep(here):
+    here()
+    time.sleep(600)
+
+def holds_the_gil(here):
+    here()
+    busy()
+
+def sleeps_in_c_with_the_gil(here):
+    here()
+    ctypes.PyDLL(None).sleep(600)
+
+def recursion_in_c(here, depth=200):
+    if depth == 0:
+        here()
+        busy()
+    sorted([0], key=lambda _: recursion_in_c(here, depth - 1))
+
+def recursion(here):
+    resource.setrlimit(resource.RLIMIT_DATA, (400_000_000,) * 2)  # or it fills the memory
+    sys.setrecursionlimit(10**9)
+    here()
+    while True:
+        try:
+            deeper()
+        except MemoryError:
+            pass
+
+def deeper():
+    deeper()
+
+def stopped(here):
+    here()
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+def ignores_signals(here):
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    sleep(here)
+
+def catches_everything(here):
+    while True:
+        try:
+            sleep(here)
+        except BaseException:
+            pass
+
+def forks(here):
+    if not os.fork():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        if not os.fork():
+            sleep(here)
+    sleep(here)
+
+def starts_a_program(here):
+    program = subprocess.Popen(["sleep", "600"])
+    here(program.pid)
+    here()
+    program.wait()
+
+def reads_a_pipe(here):
+    here()
+    os.read(os.pipe()[0], 1)
+
+def allocates(here):
+    here()
+    while True:
+        bytearray(50_000_000)
+
+def has_a_thread_that_never_ends(here):
+    threading.Thread(target=time.sleep, args=(600,)).start()
+    here()
+
+def wants_a_session_of_its_own(here):
+    try:
+        os.setsid()
+    except PermissionError:
+        pass
+    ignores_signals(here)
+
+def closes_its_files(here):
+    here()
+    os.closerange(0, 1000)
+    time.sleep(600)
+
+NAMES = [f.__name__ for f in (sleep, holds_the_gil, sleeps_in_c_with_the_gil, recursion_in_c, recursion, stopped, ignores_signals,
+         catches_everything, forks, starts_a_program, reads_a_pipe, allocates, has_a_thread_that_never_ends,
+         wants_a_session_of_its_own, closes_its_files)]
+"""
+DRIVER = """
+import ctypes, os, signal, sys, time
+from stimlib.core.pool import Pool
+from stuck import NAMES, stuck
+
+folder, end = sys.argv[1:]
+began = time.monotonic()
+with Pool(len(NAMES)) as pool:
+    for name in NAMES:
+        pool.submit(name, stuck, folder, name)
+    while left := set(NAMES) - {name.split()[0] for name in os.listdir(folder)}:
+        assert time.monotonic() < began + 30, left
+        time.sleep(0.02)
+    time.sleep(0.2)
+    exec(end)
+"""
+ENDS = {
+    "killed": "os.kill(os.getpid(), signal.SIGKILL)",
+    "killed while a child of it lives": "os.fork() and os.kill(os.getpid(), signal.SIGKILL); time.sleep(10); os._exit(0)",
+    "terminated": "os.kill(os.getpid(), signal.SIGTERM)",
+    "interrupted": "os.kill(os.getpid(), signal.SIGINT)",
+    "hung up": "os.kill(os.getpid(), signal.SIGHUP)",
+    "exits": "sys.exit(3)",
+    "exits at once": "os._exit(3)",
+    "raises": "1 / 0",
+    "crashes": "ctypes.string_at(0)",
+    "becomes another program": "os.execlp('true', 'true')",
+    "comes to the end of the block": "pass",
+}
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
+@pytest.mark.parametrize("end", mostly(["killed while a child of it lives"], ENDS))
+def test_no_worker_outlives_its_driver_whatever_it_does(tmp_path, end):
+    (tmp_path / "stuck.py").write_text(STUCK)
+    (tmp_path / "driver.py").write_text(DRIVER)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    words = [sys.executable, tmp_path / "driver.py", folder, ENDS[end]]
+    with open(tmp_path / "said", "w") as said:
+        subprocess.run(words, stderr=said, timeout=60)
+    assert "AssertionError" not in (tmp_path / "said").read_text()
+    workers = {int(name.split()[1]): name for name in os.listdir(folder)}
+    try:
+        for wait in itertools.count():
+            if not (left := [name for pid, name in workers.items() if alive(pid)]):
+                break
+            assert wait < 500, left
+            time.sleep(0.02)
+    finally:
+        for pid in filter(alive, workers):
+            os.kill(pid, signal.SIGKILL)
+
+
 def test_results_come_in_order_and_an_error_is_that_of_the_job():
     jobs = [(2, n) for n in range(5)]
     for workers in (1, 2, None):
@@ -112,15 +285,116 @@ class Odd(Exception):
         super().__init__(f"{a} and {b}")  # its pickle calls it with one argument
 
 
-def odd():
-    raise Odd(1, 2)
+class Mute(Exception):
+    def __str__(self):
+        raise SystemExit(7)
+
+    __repr__ = __reduce_ex__ = __str__
 
 
-def test_an_error_that_cannot_be_made_again_is_told_by_its_text():
-    with Pool(1) as pool:
-        pool.submit("job", odd)
-        _, _, error = pool.take()
-    assert (type(error), str(error)) == (RuntimeError, "Odd: 1 and 2")
+class Base(BaseException):
+    pass
+
+
+class Unreadable(Exception):
+    """Only the process that gets it cannot read it."""
+
+    def __reduce__(self):
+        return _only_in, (os.getpid(),)
+
+
+def _only_in(pid):
+    if os.getpid() != pid:
+        raise OSError("no")
+    return Unreadable()
+
+
+def throw(error, *args):
+    raise error(*args)
+
+
+@pytest.mark.parametrize(
+    ("error", "args", "kind", "text"),
+    [(Odd, (1, 2), JobFailed, "Odd: 1 and 2"), (Mute, (), JobFailed, "Mute, which gives no text"),
+     (SystemExit, (3,), JobFailed, "SystemExit: 3"), (KeyboardInterrupt, ("stop",), JobFailed, "KeyboardInterrupt: stop"),
+     (Base, (4,), JobFailed, "Base: 4"), (GeneratorExit, (5,), JobFailed, "GeneratorExit: 5"),
+     (Unreadable, (), OSError, "no"), (EOFError, ("end",), EOFError, "end"), (ValueError, ("v",), ValueError, "v")],
+)  # fmt: skip
+def test_whatever_a_job_raises_is_its_error_and_its_process_goes_on(workers, error, args, kind, text):
+    pid = ask(workers, os.getpid)
+    workers.submit("job", throw, error, *args)
+    what, result, raised = workers.take()
+    assert (what, result, type(raised), str(raised)) == ("job", None, kind, text)
+    assert ask(workers, os.getpid) == pid
+
+
+def test_a_result_that_cannot_travel_is_an_error_of_its_job(workers):
+    workers.submit("lambda", eval, "lambda: 0")
+    assert isinstance(workers.take()[2], (AttributeError, pickle.PicklingError))
+    workers.submit("unreadable", Unreadable)
+    assert str(workers.take()[2]) == "no"
+    assert ask(workers, pow, 2, 3) == 8
+
+
+def test_a_job_has_its_seconds_and_the_others_go_on(workers):
+    for job in (time.sleep, 600), (exec, "import itertools; sum(itertools.repeat(0))"):  # which holds the GIL
+        workers.submit("long", *job, seconds=0.3)
+        what, result, error = workers.take()
+        assert (what, result, type(error)) == ("long", None, TimedOut) and "longer than its 0.3 s" in str(error)
+        assert ask(workers, pow, 2, 3, seconds=60) == 8
+
+
+def test_what_a_worker_begins_with_and_waits_for_takes_no_seconds_of_a_job():
+    with Pool(1, time.sleep, 1.0) as pool:
+        assert ask(pool, pow, 2, 3, seconds=0.5) == 8
+        time.sleep(0.6)
+        assert ask(pool, pow, 2, 3, seconds=0.5) == 8
+
+
+def starts(path, end):
+    path.write_text(str(subprocess.Popen(["sleep", "600"]).pid))
+    end()
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
+@pytest.mark.parametrize(("end", "seconds"), [(signal.pause, 6.0), (os.abort, 60.0)])
+def test_what_a_job_has_started_ends_with_it(workers, tmp_path, end, seconds):
+    workers.submit("job", starts, tmp_path / "pid", end, seconds=seconds)
+    assert type(workers.take()[2]) is {signal.pause: TimedOut, os.abort: WorkerDied}[end]
+    pid = int((tmp_path / "pid").read_text())
+    began = time.monotonic()
+    while alive(pid):
+        assert time.monotonic() < began + 10
+        time.sleep(0.02)
+
+
+def leaves_a_child(path):
+    reads, writes = os.pipe()
+    if not (pid := os.fork()):
+        os.setsid()
+        os.write(writes, b".")
+        time.sleep(60)
+        os._exit(0)
+    path.write_text(str(pid))
+    os.read(reads, 1)
+    os._exit(4)
+
+
+def test_a_worker_that_ends_is_seen_while_a_child_of_it_has_its_connection(workers, tmp_path):
+    workers.submit("job", leaves_a_child, tmp_path / "pid")
+    error = workers.take()[2]
+    os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)  # it was there
+    assert "exit status 4" in str(error)
+
+
+def test_a_job_has_its_memory():
+    with Pool(1, memory=400_000_000) as pool:
+        pid = ask(pool, os.getpid)
+        for job in (bytearray, 2_000_000_000), (exec, "[bytes(10**6) for _ in range(10**6)]"):
+            pool.submit("job", *job)
+            _, _, error = pool.take()
+            assert isinstance(error, MemoryError) and "memory = 400000000 bytes" in str(error)
+        assert (ask(pool, len, bytes(10**8)), ask(pool, os.getpid)) == (10**8, pid)
 
 
 def test_sigterm_is_given_back_and_taken_from_nobody():

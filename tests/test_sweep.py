@@ -6,9 +6,10 @@ import functools
 import hashlib
 import importlib
 import json
-import linecache
 import os
+import signal
 import sys
+import time
 from collections import deque
 from math import pi
 
@@ -29,17 +30,17 @@ from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
 from stimlib.sweep.drive import job_rows
-from stimlib.sweep.plan import identity
+from stimlib.sweep.identity import identity
 from stimlib.sweep.rows import table_of
 
 HAND = minimum_jerk(depth=0.02)
-RUN = {"motion": HAND, "fs": 8000, "seconds": 0.05, "progress": False}
+RUN = {"motion": HAND, "fs": 8000, "seconds": 0.05, "progress": False, "workers": 0}
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
-COUNT: deque[float] = deque()  # no constant of a measure, as a list would be
+COUNT: deque[float] = deque()
 BAD = deque([1.0, 3.0])
 
 
-@measure("N")
+@measure("N", version="1")  # COUNT changes with each row
 def counted(r):
     COUNT.append(r.params.get("k", 0.0))
     return r["force"][-1]
@@ -52,7 +53,7 @@ def deadly(r):
     return r["force"][-1]
 
 
-@measure("N")
+@measure("N", version="1")
 def touchy(r):
     if r.params["k"] in BAD:
         raise ZeroDivisionError(f"k = {r.params['k']:g}")
@@ -109,10 +110,10 @@ def test_processes_jobs_and_order_change_no_bit(monkeypatch):
 
     scale, rows = 2.0, grid(A=[0.0, 1.0, 3.4], seed=range(12))
     words = RUN | {"measures": ["rms", "band(20, 1000)", mean]}
-    one = sweep(squeeze(fingers=1), rows, workers=1, **words)
+    one = sweep(squeeze(fingers=1), rows, **words)
     shuffled = {n: c[::-1].copy() for n, c in rows.items()}
     monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 5)
-    two = sweep(squeeze(fingers=1), shuffled, workers=2, **words)
+    two = sweep(squeeze(fingers=1), shuffled, **words | {"workers": 2})
     assert one.equals(two.take(pa.array(range(35, -1, -1))).combine_chunks())
     assert len(set(one["rms_force1"].to_pylist())) == 25, "without vibration all seeds are equal"
 
@@ -120,9 +121,63 @@ def test_processes_jobs_and_order_change_no_bit(monkeypatch):
 def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
     monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 2)
     rows = {"k": [4.0, 7.0, 6.0, 5.0]}
-    table = sweep(SPRING, rows, measures=["rms", deadly], workers=2, **RUN)
+    table = sweep(SPRING, rows, measures=["rms", deadly], **RUN | {"workers": 2})
     assert [r["k"] for r in table.to_pylist() if r["deadly"] is None] == [7.0]
     assert table["error"][1].as_py() == "2 times: it ended its process with exit status 3"
+
+
+class Unspeakable(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+def poisoned(kind="none"):
+    """Do harm while the scene is made."""
+    match kind:
+        case "exit":
+            os._exit(3)
+        case "crash":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        case "leave":
+            sys.exit(4)
+        case "interrupt":
+            raise KeyboardInterrupt
+        case "unspeakable":
+            raise Unspeakable
+        case "hang":
+            time.sleep(600)
+        case "large":
+            bytearray(10**12)
+    return Scene({"y": 1.0 * Input("x")})
+
+
+def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tmp_path):
+    monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 1)
+    monkeypatch.setattr(stimlib.limits, "row_seconds", 4.0)
+    harm = ["exit", "leave", "none", "large", "unspeakable", "hang", "interrupt", "ok", "crash"]  # first, middle, last too
+    words = RUN | {"measures": "peak", "workers": 2, "out": tmp_path}
+    table = sweep(poisoned, {"kind": harm}, **words)
+    says = dict(zip(harm, table["error"].to_pylist(), strict=True))
+    assert says["none"] is says["ok"] is None
+    assert says["exit"] == "1 times: it ended its process with exit status 3"
+    assert says["crash"].startswith("1 times: it ended its process by signal 11")
+    assert says["leave"] == "SystemExit: 4" and says["interrupt"] == "KeyboardInterrupt: "
+    assert says["unspeakable"] == "Unspeakable: its text cannot be made: RuntimeError"
+    assert says["hang"].startswith("it took longer than its 4 s") and says["large"].startswith("MemoryError")
+    parts = set(tmp_path.glob("part-*"))
+    again = sweep(poisoned, {"kind": [k for k in harm if k != "hang"]}, **words)
+    assert len(again["error"].drop_null()) == 6 and set(tmp_path.glob("part-*")) == parts, "nothing runs again"
+
+
+def test_a_row_that_takes_memory_is_an_error_of_that_row(monkeypatch):
+    @measure("1")
+    def taken(run):
+        return float(np.ones(int(run.params["n"])).sum())
+
+    monkeypatch.setattr(stimlib.limits, "row_bytes", 1.5e9)
+    scene = Scene({"y": Param("n", 1.0) * Input("x")})
+    table = sweep(scene, {"n": [1e3, 1e9, 2e3]}, measures=[taken], **RUN | {"workers": 1})
+    assert table["taken"].to_pylist() == [1e3, None, 2e3] and "MemoryError" in table["error"][1].as_py()
 
 
 # Rows ----------------------------------------------------------------------------------------------------------------
@@ -192,7 +247,7 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
         ({"motion": None, "seconds": None}, BadValue, "motion of x must be a function"),
         ({"live": ["A"]}, UnknownName, "A is no parameter"),
-        ({"workers": 0}, BadValue, "workers = 0"),
+        ({"workers": -1}, BadValue, "workers = -1"),
         ({"fs": -1}, BadValue, "fs"),
         ({"on": 7}, BadValue, "on = 7"),
     ],
@@ -331,7 +386,7 @@ def test_spectra_are_those_of_scipy():
 
 def test_cues_and_proofs_are_those_of_their_functions():
     motion, words = sinusoid(0.01, 4.0, mean=0.01), {"fs": 1000, "seconds": 1.0}
-    table = sweep(SPRING, {"k": [100.0, 300.0]}, motion=motion, measures=["cues", "verify"], **words)
+    table = sweep(SPRING, {"k": [100.0, 300.0]}, motion=motion, measures=["cues", "verify"], workers=0, **words)
     for row in table.to_pylist():
         run = stimlib.render(SPRING, {"x": motion}, params={"k": row["k"]}, **words)
         c = cues(motion(run.t), run["force"], 1000)
@@ -355,7 +410,7 @@ def test_only_what_is_missing_runs(tmp_path):
     out, words = tmp_path / "out", RUN | {"measures": [counted]}
     COUNT.clear()
     first = sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words)
-    assert first["counted"][1] == first["counted"][2] and len(COUNT) == 3 + 2, "three before, then two: equal rows are one"
+    assert first["counted"][1] == first["counted"][2] and len(COUNT) == 2, "equal rows are one"
     COUNT.clear()
     assert sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words).equals(first) and not COUNT
     more = sweep(SPRING, {"k": [2.0, 5.0, 1.0], "seed": [0, 0, 0]}, out=out, **words)
@@ -364,7 +419,7 @@ def test_only_what_is_missing_runs(tmp_path):
     sweep(SPRING, {"k": [5.0]}, out=out, **words | {"seconds": 0.1})
     sweep(SPRING, {"k": [5.0]}, out=out, **words | {"motion": minimum_jerk(depth=0.01)})
     sweep(SPRING, {"k": [5.0], "motion": ["a"]}, out=out, **words | {"motion": {"a": HAND}})
-    assert len(COUNT) == 2 * 3, "two of the three are new, each run twice before: the name of a motion says nothing"
+    assert len(COUNT) == 2, "two of the three are new: the name of a motion says nothing"
     told = json.loads((out / "sweep.json").read_text())
     assert told["units"] == {"counted": "N"} and told["scene"] == SPRING.hash and told["versions"]["numpy"] == np.__version__
     part = pq.read_table(next(out.glob("part-*.parquet")))
@@ -411,8 +466,8 @@ def test_a_folder_of_others_is_left_alone(tmp_path):
         (tmp_path / "a" / "sweep.json").write_text(text)
         with pytest.raises(SinkError, match="damaged"):
             sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
-    (tmp_path / "a" / "sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 2}))
-    with pytest.raises(SinkError, match="is of version 2"):
+    (tmp_path / "a" / "sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 3}))
+    with pytest.raises(SinkError, match="is of version 3"):
         sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
 
 
@@ -431,7 +486,7 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
     def defined(text):
         scope: dict = {}
         exec(text, scope)
-        return identity(scope["f"])
+        return identity(scope["f"], "f")
 
     base = "import numpy as np\nC = 2.0\ndef helper(x):\n    return x * 3\ndef f(r):\n    return helper(C) + np.sum(r)\n"
     same = defined("# moved\n\n" + base)
@@ -440,7 +495,7 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
     def closing(c):
         return lambda r: c * r.fs
 
-    assert identity(closing(1.0)) != identity(closing(2.0))
+    assert identity(closing(1.0), "f") != identity(closing(2.0), "f")
     for old, new in (("2.0", "2.5"), ("x * 3", "x * 4"), ("+ np", "- np")):
         assert defined(base.replace(old, new)) != same, new
 
@@ -476,30 +531,29 @@ def test_objects_that_are_called_are_known_by_their_content(tmp_path):
         (scene, SPRING),
         (scene.outputs["y"], SPRING.outputs["force"]),
     ):
-        assert identity(using(same)) == identity(using(copy.deepcopy(same))) != identity(using(different))
+        assert identity(using(same), "f") == identity(using(copy.deepcopy(same)), "f") != identity(using(different), "f")
 
 
 def test_what_a_package_made_has_no_content():
     def using(r):
         return norm.cdf(r.fs)
 
-    one, kept = identity(using), norm.random_state
+    one, kept = identity(using, "f"), norm.random_state
     norm.random_state = 1  # of numpy's as a rule, which whoever draws changes
-    assert identity(using) == one
+    assert identity(using, "f") == one
     norm.random_state = kept
 
 
 def test_helpers_in_a_module_of_ones_own_count(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # its time has whole seconds
     found = []
     for k in (1, 2, 2):
         (tmp_path / "helper_of_a_sweep.py").write_text(f"def level(r):\n    return {k}\n")
         sys.modules.pop("helper_of_a_sweep", None)
-        monkeypatch.setattr(linecache, "cache", {})  # as a new process has it
         helper = importlib.import_module("helper_of_a_sweep")
-        found.append(identity(lambda r, helper=helper: np.sum(helper.level(r))))
+        found.append(identity(lambda r, helper=helper: np.sum(helper.level(r)), "f"))
     assert found[0] != found[1] == found[2]
-    assert "def sum" not in found[0], "packages are known by their version"
 
 
 def test_recorded_hands_have_their_own_lengths():
@@ -510,7 +564,7 @@ def test_recorded_hands_have_their_own_lengths():
     def long(r):
         return r.t[-1]
 
-    table = sweep(SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000)
+    table = sweep(SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000, workers=0)
     assert table["long"].to_pylist() == [0.189, 0.189, 0.389, 0.389]
 
 
@@ -575,7 +629,7 @@ def test_mistakes_on_the_command_line_are_one_line(words, says):
 @pytest.mark.parametrize(
     ("left", "workers", "row_seconds", "rows"),
     [
-        (10**6, 2, 0.001, 3000),  # three seconds
+        (10**6, 2, 0.001, 1000),  # one second
         (40, 2, 0.1, 10),  # towards the end: a quarter of the rest for each of two workers
         (40, 2, 0.001, 30),  # but not shorter than what two jobs cost the client
         (10**6, 1000, 0.01, 1500),  # a thousand workers: fifteen seconds, or they wait for the client

@@ -1,19 +1,33 @@
 """By what a row is known again: whatever changes its figures changes its key, and making the same thing again does not."""
 
+import builtins
+import dataclasses
 import functools
+import importlib
 import json
+import os
+import re
+import subprocess
+import sys
+import types
+import typing
 
 import numba
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.interpolate import CubicSpline
+from scipy.stats import norm
 
-from stimlib import BadValue, Input, Param, Scene, SinkError, UnknownName, constant
+from stimlib import BadValue, Block, Input, Param, Scene, SinkError, UnknownName, constant
 from stimlib.motion.generators import minimum_jerk
 from stimlib.sweep import grid, measure, sweep
-from stimlib.sweep.plan import identity, motion_digest
+from stimlib.sweep.identity import identity
+from stimlib.sweep.plan import motion_digest, row_keys
+from stimlib.sweep.rows import table_of
+from stimlib.sweep.study import planned
 
-RUN = {"motion": np.ones(400), "fs": 8000, "progress": False}
+RUN = {"motion": np.ones(400), "fs": 8000, "progress": False, "workers": 0}
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
 
 
@@ -43,6 +57,32 @@ def guarded(a, b):
         return b
 
 
+guarded_nowhere = types.FunctionType(guarded.__code__.replace(co_exceptiontable=b""), globals())
+
+
+def own_block(k):
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class Own(Block):
+        x: Block
+
+        def design(self, fs):
+            return k, ()
+
+        @staticmethod
+        def step(p, s, x):
+            return p * x, ()
+
+    return Own(Input("x"))
+
+
+def named_array(array):
+    return lambda run: array.sum()
+
+
+class Rows(list):
+    """A list of one's own."""
+
+
 TABLES = [{"x": np.zeros(5000)}, {"x": np.zeros(5000)}]
 TABLES[1]["x"][2500] = 1.0
 CACHED = [functools.cache(lambda t: t), functools.cache(lambda t: 2 * t)]
@@ -62,6 +102,31 @@ PAIRS = {
     "scenes": (of(Scene({"y": constant(1.0) * 2})), of(Scene({"y": constant(1.0) * 3}))),
     "blocks": (of(2.0 * Input("x")), of(3.0 * Input("x"))),
     "defaults": (lambda run, a=TABLES[0]: a, lambda run, a=TABLES[1]: a),
+    "types of arrays": (np.zeros(2), np.zeros(2, np.int64)),
+    "shapes of arrays": (np.zeros((2, 3)), np.zeros((3, 2))),
+    "types of numbers": (np.float32(1.0), np.float64(1.0)),
+    "setters": tuple(property(level, lambda run, v, k=k: k) for k in (1.0, 2.0)),
+    "cached properties": tuple(functools.cached_property(of(k)) for k in (1.0, 2.0)),
+    "what handles an exception": (guarded, guarded_nowhere),
+    "attributes": (lambda run: run.fs, lambda run: run.seed),
+    "names of arguments": (lambda low, high: low - high, lambda high, low: high - low),
+    "names of keywords": (lambda *, low, high: low - high, lambda *, high, low: high - low),
+    "kinds of arguments": (lambda *a: a, lambda **a: a),
+    "locals by name": (lambda run: [locals() for a in "x"], lambda run: [locals() for b in "x"]),
+    "defaults of keywords": (lambda run, *, a=1.0: a, lambda run, *, a=2.0: a),
+    "arrays called as a function of numpy": (named_array(np.zeros(2)), named_array(np.ones(2))),
+    "metaclasses": tuple(of(type("M", (type,), {"__call__": f})("C", (), {})) for f in (of(1.0), of(2.0))),
+    "what a compiled method is of": (of([1.0].count), of([2.0].count)),
+    "names of compiled methods": (of([1.0].count), of([1.0].index)),
+    "blocks of one's own": tuple(of(Scene({"y": own_block(k)})) for k in (1.0, 2.0)),
+    "lists of one's own": (of(Rows([1.0])), of(Rows([2.0]))),
+    "options of a compiled function": (of(numba.njit(level)), of(numba.njit(fastmath=True)(level))),
+    "patterns": (of(re.compile("a")), of(re.compile("b"))),
+    "globals of a nested function": tuple(eval("lambda r: lambda: lambda: K", {"K": k}) for k in (1, 2)),
+    "lists and tuples": (of([1.0]), of((1.0,))),
+    "what wraps a function of numpy": tuple(functools.wraps(np.sum)(of(k)) for k in (1.0, 2.0)),
+    "units of one version": tuple(measure(u, version="1")(level) for u in ("N", "m")),
+    "names of one version": tuple(measure("N", version="1")(f) for f in (level, guarded)),
     "what is prepared": tuple(measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)),
 }  # fmt: skip
 
@@ -69,7 +134,7 @@ PAIRS = {
 @pytest.mark.parametrize("name", PAIRS)
 def test_what_does_something_else_is_something_else(name):
     one, other = PAIRS[name]
-    assert identity(one) != identity(other)
+    assert identity(one, name) != identity(other, name)
 
 
 def test_the_same_made_again_is_the_same():
@@ -78,16 +143,134 @@ def test_the_same_made_again_is_the_same():
         lambda: Hand(0.01).back,
         lambda: of({"b": np.ones(3), "a": {"x", "y"}}),
     ):
-        assert identity(make()) == identity(make())
+        assert identity(make(), "f") == identity(make(), "f")
     ring: list = [1.0]
     ring.append(ring)
-    assert "1.0" in identity(ring)
+    other: list = [2.0]
+    other.append(other)
+    assert identity(ring, "f") != identity(other, "f")
+    assert identity({0, 8}, "f") == identity({8, 0}, "f"), "sets that are listed in another order"
+    one, same = Hand(0.01), Hand(0.01)
+    one.width, one.height, same.height, same.width = 1.0, 2.0, 2.0, 1.0
+    assert identity(one, "f") == identity(same, "f"), "attributes that were set in another order"
+
+
+USES = {
+    "an attribute": "import own_study.helper as h\ndef f(r): return h.level(r)",
+    "the module itself": "import own_study.helper as h\ndef f(r): return vars(h)",
+    "a submodule": "import own_study.helper\ndef f(r): return own_study.helper.level(r)",
+    "a late import": "def f(r):\n    import own_study.helper as h\n    return h.level(r)",
+    "a late name": "def f(r):\n    from own_study.helper import level\n    return level(r)",
+    "a late submodule": "def f(r):\n    import own_study.helper\n    return own_study.helper.level(r)",
+    "a late relative name": "def f(r):\n    from .helper import level\n    return level(r)",
+    "a late name after 300 others": "def f(r):\n"
+    + "".join(f"    r.n{n} = {n}.5\n" for n in range(300))
+    + "    from .helper import level\n    return level(r)",
+    "a number of the package": "def f(r):\n    import own_study.helper\n    return own_study.number",
+    "one that may be missing": """
+import own_study.helper as h
+def f(r):
+    try:
+        import no_such_package
+    except ImportError:
+        return h.level(r)
+""",
+    "a module's __getattr__": "import own_study.helper as h\ndef f(r): return h.other",
+}
+
+
+def own_study(monkeypatch, text, **attributes):
+    """Let own_study.helper be a module with this text and these attributes; return it."""
+    package, helper = types.ModuleType("own_study"), types.ModuleType("own_study.helper")
+    package.__path__, package.helper = [], helper
+    vars(helper).update(attributes)
+    exec(text, vars(helper))
+    monkeypatch.setitem(sys.modules, "own_study", package)
+    monkeypatch.setitem(sys.modules, "own_study.helper", helper)
+    return helper
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_helper_counts_however_it_is_reached(monkeypatch, use):
+    found = []
+    for k in (1, 2, 2):
+        name = "__getattr__" if use == "a module's __getattr__" else "level"
+        own_study(monkeypatch, f"def {name}(r): raise AttributeError({k})")
+        if use == "a number of the package":
+            sys.modules["own_study"].number, sys.modules["own_study.helper"].level = k, None
+        scope = {"__name__": "own_study.measures", "__package__": "own_study"}
+        exec(USES[use], scope)
+        found.append(identity(scope["f"], "f"))
+    assert found[0] != found[1] == found[2]
+
+
+def test_the_file_of_a_compiled_module_counts(monkeypatch, tmp_path):
+    found = []
+    for data in (b"1", b"2", b"2"):
+        (tmp_path / "helper.so").write_bytes(data)
+        helper = own_study(monkeypatch, "", __file__=str(tmp_path / "helper.so"))
+        found.append(identity(lambda r, helper=helper: helper, "f"))
+    assert found[0] != found[1] == found[2]
+
+
+@pytest.mark.parametrize("use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), lambda r: norm.cdf(r)])
+def test_another_version_of_a_package_is_something_else(monkeypatch, use):
+    before = identity(use, "f")
+    monkeypatch.setattr(scipy, "__version__", "0")
+    assert identity(use, "f") != before
+
+
+@pytest.mark.parametrize("use", [lambda r: np.pi, lambda r: getattr(np, "pi")])  # noqa: B009
+def test_a_number_of_a_package_counts(monkeypatch, use):
+    before = identity(use, "f")
+    monkeypatch.setattr(np, "pi", 3.0)
+    assert identity(use, "f") != before
+
+
+def test_what_cannot_be_seen_is_refused():
+    with pytest.raises(BadValue, match="modules finds code by a name"):
+        identity(lambda r: sys.modules["helper"], "f")
+    with pytest.raises(BadValue, match="is a numpy.ufunc, whose content cannot be seen"):
+        identity(np.frompyfunc(level, 1, 1), "f")
+    with pytest.raises(BadValue, match="is a typing.TypeVar, whose content cannot be seen"):
+        identity(typing.TypeVar("Lost"), "f")
+
+
+def test_a_motion_is_known_by_its_inputs_in_any_order():
+    one, two = np.ones(400), np.full(400, 2.0)
+    words = "", 8000, None
+    found = motion_digest({"x": one, "z": two}, *words)
+    assert found == motion_digest({"z": two, "x": one}, *words)
+    assert found != motion_digest({"x": two, "z": one}, *words)
+    assert motion_digest({"x": one}, *words) != motion_digest({"z": one}, *words)
+
+
+def test_each_column_of_a_row_counts_with_its_type(monkeypatch):
+    def keys(rows):
+        words = {"motion": np.ones(4), "measures": "peak", "fs": 8000.0, "seconds": None}
+        planning = planned(made, table_of(rows), words | {"live": ["k"], "kept": True})
+        digests = {name: digest for name, (digest, _) in planning.motions.items()}
+        return row_keys(planning.plan, planning.table, digests).to_pylist()
+
+    def made(a=0.0):
+        return Scene({"y": a * Param("k", 1.0) * Input("x")})
+
+    rows = {"a": [0.0, 1.0, 1.0, 1.0, 1.0], "k": [0.0, 0.0, 1.0, 1.0, 1.0], "seed": [0, 0, 0, 1, 2]}
+    found = keys(rows)
+    assert len(set(found)) == 5
+    assert keys(dict(reversed(rows.items()))) == found
+    assert keys({"a": [0], "k": [0.0]}) != keys({"a": [0.0], "k": [0.0]}) == found[:1]
+    monkeypatch.setattr("stimlib.sweep.plan.CHUNK", 2)
+    assert keys(rows) == found
 
 
 def test_every_sample_of_a_motion_counts():
+    def digest(motion):
+        return motion_digest(motion, "", 8000, None)
+
     end = np.ones(400)
     end[-1] = 2.0
-    assert motion_digest(np.ones(400), 8000, None) == motion_digest([1.0] * 400, 8000, None) != motion_digest(end, 8000, None)
+    assert digest(np.ones(400)) == digest([1.0] * 400) != digest(end)
     hands = {"slow": lambda t: 0.01 * t, "fast": lambda t: 0.02 * t}
     words = RUN | {"motion": hands, "seconds": 0.05}
     slow, fast = sweep(SPRING, {"motion": ["slow", "fast"]}, measures="peak", **words)["peak_force"].to_pylist()
@@ -123,12 +306,11 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
     with pytest.raises(BadValue, match="with other versions: name"):
         sweep(SPRING, {"k": [1.0]}, **words)
     monkeypatch.undo()
-    monkeypatch.setattr("stimlib.sweep.plan.definitions", lambda scene: {"click_block": {"sha256": "0"}})
-    with pytest.raises(BadValue, match="with other blocks: name"):
+    sidecar.write_text(json.dumps(told | {"stimlib_sweep": 3}))
+    with pytest.raises(SinkError, match="of version 3, this stimlib reads 2"):
         sweep(SPRING, {"k": [1.0]}, **words)
-    monkeypatch.undo()
-    sidecar.write_text(json.dumps(told | {"stimlib_sweep": 2}))
-    with pytest.raises(SinkError, match="of version 2, this stimlib reads 1"):
+    sidecar.write_text(json.dumps(told | {"stimlib_sweep": 1}))
+    with pytest.raises(SinkError, match="kept by an earlier stimlib.*name another folder"):
         sweep(SPRING, {"k": [1.0]}, **words)
 
 
@@ -141,7 +323,63 @@ def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(t
 
     words = RUN | {"measures": "peak"}
     sweep(factory(2.0), {"name": ["y"]}, out=tmp_path, **words)
-    with pytest.raises(BadValue, match="with other scene: name"):
+    with pytest.raises(BadValue, match="row 0 .* figures of another scene .*name another folder"):
         sweep(factory(3.0), {"name": ["y"]}, out=tmp_path, **words)
     told = sweep(factory(2.0), {"name": ["y", "z"]}, **words)
     assert told["error"][0].as_py() is None and "the scene of this row gives peak_z" in told["error"][1].as_py()
+
+
+def test_a_module_taken_from_a_package_inside_a_function_counts(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # its time has whole seconds
+    (tmp_path / "of_a_lab").mkdir()
+    (tmp_path / "of_a_lab" / "__init__.py").touch()
+
+    def level(run):
+        from of_a_lab import deep
+
+        return deep.gain(run)
+
+    found = []
+    for gain in (2.0, 3.0, 3.0):
+        (tmp_path / "of_a_lab" / "deep.py").write_text(f"def gain(run):\n    return {gain}\n")
+        for name in ("of_a_lab", "of_a_lab.deep"):
+            sys.modules.pop(name, None)
+        found.append(identity(level, "level"))
+    assert found[0] != found[1] == found[2]
+
+
+@pytest.mark.parametrize("name", ["eval", "exec", "globals", "import_module"])
+def test_code_that_is_found_by_a_computed_name_is_refused_under_another_name_too(name):
+    found = importlib.import_module if name == "import_module" else getattr(builtins, name)
+    with pytest.raises(BadValue, match=f"uses {name}, so what it computes from cannot be seen"):
+        identity(lambda run: found("K"), "level")
+
+
+def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatch):
+    def made(gain):
+        class Own(Scene):
+            def level(self):
+                return gain
+
+        return of(Own({"y": 1.0 * Input("x")}))
+
+    assert identity(made(1.0), "f") == identity(made(1.0), "f") != identity(made(2.0), "f")
+
+    class Names(set):
+        pass
+
+    assert identity(of(Names("abc")), "f") == identity(of(Names("cba")), "f") != identity(of(Names("abd")), "f")
+    private = types.ModuleType("of_private")
+    private.__gain = 1.0
+    one = identity(of(private), "f")
+    private.__gain = 2.0
+    assert identity(of(private), "f") != one
+
+
+def test_tables_of_pandas_are_known_again_in_another_process():
+    code = "import pandas as pd\nfrom stimlib.sweep.identity import identity\nw = pd.DataFrame({'w': [1.0, 2.0]})\n"
+    code += "print(identity(lambda run: w, 'f'))"
+    words = [sys.executable, "-c", code]
+    one, other = (subprocess.run(words, capture_output=True, text=True, env=os.environ | {"PYTHONHASHSEED": s}) for s in "12")
+    assert one.stdout == other.stdout != "", one.stderr

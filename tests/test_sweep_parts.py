@@ -15,75 +15,99 @@ from stimlib.blocks import springpot
 from stimlib.core.units import unit
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.sweep import engines, measure, measured, rendering, sweep
-from stimlib.sweep.drive import DEATHS, drive
-from stimlib.sweep.engines import Here, Local, run_apart
+from stimlib.sweep.drive import DEATHS, Death, drive
+from stimlib.sweep.engines import Here, Local, end_beside, run_beside
 from stimlib.sweep.measures import CUE_UNITS, measures_of
 from stimlib.sweep.plan import row_keys
+from stimlib.sweep.rows import table_of
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import Runner, as_bytes, from_bytes, run_part
+from stimlib.sweep.work import as_bytes, from_bytes
 
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
-STEADY = {"motion": np.full(400, 0.5), "fs": 8000, "seconds": None, "live": None}
-RUN = {"motion": np.full(400, 0.5), "fs": 8000, "measures": "peak", "progress": False}
+STEADY = {"motion": np.full(400, 0.5), "fs": 8000, "seconds": None, "live": None, "measures": ["peak"], "kept": True}
+RUN = {"motion": np.full(400, 0.5), "fs": 8000, "measures": "peak", "progress": False, "workers": 0}
 
 
 def prepared(rows, **words):
-    """Rows with keys, plan and motions."""
-    table, plan, motions, *_ = planned(SPRING, rows, **{"measures": ["peak"], **STEADY, **words})
+    """Return rows with keys, plan and motions."""
+    table, plan, motions, *_ = planned(SPRING, table_of(rows), {**STEADY, **words})
     return table.append_column("key", row_keys(plan, table, {n: d for n, (d, _) in motions.items()})), plan, motions
 
 
 class Fragile(Here):
     """An engine that takes three jobs, does the last one first, and whose process dies of k = 7."""
 
-    def __init__(self, runner):
-        super().__init__(runner)
+    final = False
+
+    def __init__(self, plan, motions):
+        super().__init__(plan, motions)
         self.died = []
         self.flying = 0
 
     def room(self):
         return 3 - self.flying
 
-    def submit(self, what, data):
+    def submit(self, what, data, look, seconds):
         self.flying += 1
-        super().submit(what, data)
+        super().submit(what, data, look, seconds)
 
     def take(self):
         self.flying -= 1
-        job, result, _ = super().take()
+        job, result = super().take()
         if 7.0 in (ks := job.rows["k"].to_pylist()):
             self.died.append(len(ks))
-            return job, None, "it ended"
-        return job, result, ""
+            return job, Death("it ended", ks.index(7.0), bytes(range(16)), self.final)
+        return job, result
 
 
-def test_a_job_that_dies_is_halved_down_to_the_row_that_ends_it():
+def test_a_job_that_dies_runs_again_without_the_row_that_ended_it():
     table, plan, motions = prepared({"k": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]})
-    engine, told = Fragile(Runner(plan, motions)), []
-    with Store(None, {}, {}) as store:
-        drive(plan, table, store, engine, 1e-9, told.append)
-    made = pa.concat_tables(store.tables, promote_options="permissive").sort_by("k")
+    engine, told, kept = Fragile(plan, motions), [], []
+    drive(plan, table, engine, kept.append, 1e-9, told.append)
+    made = pa.concat_tables(kept).sort_by("k")
     assert made["k"].to_pylist() == table["k"].to_pylist() and sum(told) == 10
     assert made["peak_force"].to_pylist() == [None if k == 7 else k / 2 for k in range(1, 11)]
     assert [e for e in made["error"].to_pylist() if e] == [f"{DEATHS} times: it ended"]
-    assert engine.died.count(1) == DEATHS and engine.died[0] > 1
+    assert made["content"][6].as_py() == bytes(range(16)) != made["content"][5].as_py() == made["content"][7].as_py()
+    assert engine.died[0] > 1 and engine.died[1:] == [1] * (DEATHS - 1)
+
+
+def test_a_row_past_its_limit_does_not_run_again():
+    table, plan, motions = prepared({"k": [7.0]})
+    kept, engine = [], Fragile(plan, motions)
+    engine.final = True
+    drive(plan, table, engine, kept.append, 1.0, lambda done: None)
+    assert kept[0]["error"].to_pylist() == ["it ended"]
 
 
 def test_jobs_grow_where_rows_are_quicker_than_was_thought():
-    """1 s each was thought, 0.5 s is seen: 3 s of work are 3 rows, then at 0.75 s 4 of them."""
+    """0.3 s each was thought, 0.15 s is seen: a second of work is 3 rows, then at 0.225 s 4 of them."""
     sizes = []
 
     class Timed(Here):
         def take(self):
-            job, (data, _), text = super().take()
+            job, (data, _) = super().take()
             sizes.append(job.rows.num_rows)
-            return job, (data, 0.5 * job.rows.num_rows), text
+            return job, (data, 0.15 * job.rows.num_rows)
 
     rows, plan, motions = prepared({"k": np.arange(1.0, 41.0)})
-    with Store(None, {}, {}) as store:
-        drive(plan, rows, store, Timed(Runner(plan, motions)), 1.0, lambda done: None)
+    drive(plan, rows, Timed(plan, motions), lambda made: None, 0.3, lambda done: None)
     assert sizes[:2] == [3, 4] and sum(sizes) == 40
+
+
+def test_a_job_hands_back_what_it_has_done_in_its_time():
+    rows, plan, motions = prepared({"k": np.arange(1.0, 6.0)})
+    engine = Here(plan, motions)
+    engine.submit("job", as_bytes(rows), False, 0.0)
+    what, (data, _) = engine.take()
+    assert (what, from_bytes(data)["peak_force"].to_pylist()) == ("job", [0.5])
+    kept = []
+    never = Here(plan, motions)
+    submit = never.submit
+    never.submit = lambda what, data, look, seconds: submit(what, data, look, 0.0)
+    drive(plan, rows, never, kept.append, 1e-9, lambda done: None)
+    assert pa.concat_tables(kept)["peak_force"].to_pylist() == [0.5, 1.0, 1.5, 2.0, 2.5]
 
 
 def test_a_part_is_written_as_soon_as_it_is_large(tmp_path, monkeypatch):
@@ -95,36 +119,39 @@ def test_a_part_is_written_as_soon_as_it_is_large(tmp_path, monkeypatch):
             assert len(list(tmp_path.glob("*.parquet"))) == parts
 
 
-def test_a_job_in_a_process_of_its_own_gives_its_figures_in_the_order_of_its_rows(monkeypatch):
-    table, plan, motions = prepared({"k": [7.0, 5.0, 1.0, 3.0]})
-    monkeypatch.setattr(engines, "Local", lambda plan, motions, workers: Fragile(Runner(plan, motions)))
-    figures = from_bytes(run_apart(plan, motions, as_bytes(table))[0])
-    assert figures["peak_force"].to_pylist() == [None, 2.5, 0.5, 1.5]
-    assert figures.column_names == ["peak_force", "fault", "error"]
-
-
 def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
     _, plan, motions = prepared({"k": [1.0]})
     lost = types.SimpleNamespace(take=lambda: ("job", None, ModuleNotFoundError("own_study")))
-    monkeypatch.setattr(engines, "Pool", lambda *words: lost)
+    monkeypatch.setattr(engines, "Pool", lambda *words, memory: lost)
     with pytest.raises(ModuleNotFoundError, match="own_study"):
-        Local(plan, motions, 1).take()
+        Local(plan, motions).take()
+    monkeypatch.undo()
     lock = threading.Lock()
     with pytest.raises(BadValue, match="cannot be sent to another process"):
-        sweep(SPRING, {"k": [1.0, 2.0]}, workers=2, **RUN | {"measures": [measure("1")(lambda run: lock.locked())]})
+        sweep(SPRING, {"k": [1.0, 2.0]}, **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]})
 
 
-def test_a_worker_that_is_kept_takes_the_plan_that_comes():
-    def peaks(measures=("peak",), **words):
-        table, plan, motions = prepared({"k": [2.0]}, measures=measures, **words)
-        return from_bytes(run_part(plan, motions, as_bytes(table))[0]).to_pylist()[0]
+def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
+    def peaks(k=2.0, name="a", **words):
+        given = {"motion": {name: words.pop("motion")}}
+        table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
+        keys = [(n, digest) for n, (digest, _) in motions.items()]
+        data, _ = run_beside(plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0)
+        return from_bytes(data).to_pylist()[0]["peak_force"]
 
     ramp = minimum_jerk(depth=1.0)
-    first = peaks(motion=ramp, seconds=0.05)["peak_force"]
-    assert first < peaks(motion=ramp, seconds=0.1)["peak_force"] == peaks(["rms", "peak"], motion=ramp, seconds=0.1)["peak_force"]
-    table, plan, motions = prepared({"k": [3.0]}, fs=4000)
-    with pytest.raises(BadValue, match="this worker has other versions: numpy .*, and not 1.0"):
-        run_part(dataclasses.replace(plan, key="", versions=plan.versions | {"numpy": "1.0"}), motions, as_bytes(table))
+    try:
+        first = peaks(motion=ramp, seconds=0.05)
+        (process,) = engines._beside.values()
+        assert first < peaks(motion=minimum_jerk(depth=2.0), seconds=0.05, name="b"), "another motion for the same process"
+        assert (process,) == tuple(engines._beside.values())
+        assert first < peaks(motion=ramp, seconds=0.1) != peaks(motion=ramp, seconds=0.1, k=3.0)
+        table, plan, motions = prepared({"k": [3.0]}, fs=4000)
+        with pytest.raises(BadValue, match="this worker has other versions: numpy .*, and not 1.0"):
+            run_beside(dataclasses.replace(plan, versions=plan.versions | {"numpy": "1.0"}), [], [], as_bytes(table), False, 1.0)
+    finally:
+        end_beside()
+    assert not engines._beside
 
 
 # Figures -------------------------------------------------------------------------------------------------------------

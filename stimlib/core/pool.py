@@ -2,45 +2,73 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from itertools import islice
 from multiprocessing.connection import Connection, wait
-from typing import Any, Self, TypeVar
+from typing import IO, Any, TypeVar
 
 from ..errors import StimlibError
+from . import watchdog
 
 T = TypeVar("T")
-PATIENCE = 2.0  # s, for a worker to take back what it writes
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # processes share the cores already
+# Processes share the cores already.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-class WorkerDied(StimlibError, RuntimeError):
+class JobFailed(StimlibError, RuntimeError):
+    """A job's error of which only the text is known.
+
+    The error could not be pickled, or would end this program too, as SystemExit does.
+    """
+
+
+class WorkerDied(JobFailed):
     """A process ended in the middle of a job, or before it could begin with any."""
+
+    at = 0
+    """What the job noted last: which part of it was under way, and 16 bytes about that."""
+    data = bytes(16)
+
+
+class TimedOut(WorkerDied):
+    """A job took longer than it was given, so its process was ended."""
 
 
 class _Worker:
     """One process, the connection to it, and what it is at."""
 
-    def __init__(self, process: subprocess.Popen, connection: Connection):
-        self.process, self.connection = process, connection
-        self.begun = False
-        self.job: Any = None
+    def __init__(self, process: subprocess.Popen, connection: Connection, notes: IO[bytes]):
+        self.process, self.connection, self.notes = process, connection, notes
+        self.noted = b""
+        self.begun = self.late = False
+        self.job: Any = None  # what it is, and its seconds
+        self.until = math.inf
 
 
-class Pool:
+class Pool(AbstractContextManager["Pool"]):
     """Processes of one thread each, which do one job after another.
 
-    They are new interpreters that run nothing of the program that made them: a script needs no ``if __name__ == "__main__"``.
-    Functions and arguments travel as pickles.  When the ``with`` block ends they end too, with what they write taken back; where
-    this process is killed, they also do.  Ctrl-C is for this process alone.
+    They are new interpreters that run nothing of the program that made them: a script
+    needs no ``if __name__ == "__main__"``.  Functions and arguments travel as pickles.
+    Ctrl-C interrupts this process alone.
+
+    The workers end when the ``with`` block ends.  They also end within three seconds of
+    this process, in whatever way it ends and whatever they are doing.  A watchdog
+    process sends them SIGTERM, on which they remove what they have half written, and
+    kills those that are left two seconds later.  Processes that a job has started end
+    with its worker, except those that have moved into a session of their own.  A worker
+    may be left only if the watchdog is killed too.
 
     Parameters
     ----------
@@ -48,54 +76,80 @@ class Pool:
         Processes, at least 1.
     begin : callable and its arguments, optional
         Called once in each process, before its first job.
+    memory : int, optional
+        Bytes of data that each process may have (RLIMIT_DATA).  What is allocated
+        counts, used or not, that of imported modules included.  Code, mapped files,
+        shared memory and reserved address space do not count.  An allocation beyond the
+        limit raises MemoryError in the job.  Each process that a job starts has the same
+        limit again.  Linux enforces it (from 4.7 on); macOS hardly counts anything.
 
     Examples
     --------
     >>> from stimlib.core.pool import Pool
-    >>> with Pool(1) as pool:
-    ...     pool.submit("a power", pow, 2, 5)
+    >>> with Pool(1, memory=2_000_000_000) as pool:
+    ...     pool.submit("a power", pow, 2, 5, seconds=60)
     ...     pool.take()
     ('a power', 32, None)
     """
 
-    def __init__(self, workers: int, *begin: Any):
-        self._begin = pickle.dumps(begin)
-        self._gone, self._held = os.pipe()  # nobody writes into it: it ends where this process does
-        self._workers = [self._start() for _ in range(workers)]
-        for worker in self._workers:
-            self._send(worker, self._begin)
-
-    def __enter__(self) -> Self:
-        return self
+    def __init__(self, workers: int, *begin: Any, memory: int | None = None):
+        self._begin, self._memory = pickle.dumps((_begin, begin)), memory
+        self._watchdog = subprocess.Popen(
+            [sys.executable, "-I", "-S", watchdog.__file__, str(os.getpid())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        self._workers: list[_Worker] = []
+        self.widen(workers)
 
     def __exit__(self, *_: object) -> None:
+        # the watchdog ends the workers, as it does where this process is killed
+        self._watchdog.stdin.close()  # type: ignore[union-attr]
+        until = time.monotonic() + watchdog.PATIENCE
         for worker in self._workers:
-            worker.connection.close()  # who has nothing to do ends
-        until = time.monotonic() + PATIENCE
-        told = False
-        for worker in sorted(self._workers, key=lambda w: w.job is not None):
-            if worker.job is not None and not told:
-                os.close(self._held)  # the others are told
-                told = True
-            try:
-                worker.process.wait(max(0.0, until - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                worker.process.kill()
-                worker.process.wait()
-        if not told:
-            os.close(self._held)
-        os.close(self._gone)
+            _end_of(worker, until)
+        self._watchdog.kill()  # nothing is left for it to do
+        self._watchdog.wait()
+
+    def widen(self, workers: int) -> None:
+        """Start processes until there are so many."""
+        while len(self._workers) < workers:
+            self._workers.append(self._start())
+            self._send(self._workers[-1], self._begin)
+
+    @property
+    def workers(self) -> int:
+        """Return how many processes there are."""
+        return len(self._workers)
 
     @property
     def room(self) -> int:
         """How many processes have nothing to do."""
         return sum(worker.job is None for worker in self._workers)
 
-    def submit(self, what: Any, function: Callable[..., Any], *args: Any) -> None:
-        """Give a job to a process that has none; ``what`` comes back with its result."""
+    def submit(self, what: Any, function: Callable[..., Any], *args: Any, seconds: float = math.inf) -> None:
+        """Give a job to a process that has none.
+
+        Parameters
+        ----------
+        what : object
+            Comes back with the result.
+        function : callable and its arguments
+        seconds : float, optional
+            A job that takes longer is ended, together with its process and the processes
+            that it has started.  The time begins when the process takes the job:
+            ``begin`` does not count, but what the job imports or compiles does.  It begins
+            anew whenever the job calls `note`.  Only ``take`` checks the time, every 0.2 s.
+        """
+        job = pickle.dumps((function, args))
         worker = next(w for w in self._workers if w.job is None)
-        worker.job = (what,)
-        self._send(worker, pickle.dumps((function, args)))
+        worker.job, worker.noted = (what, seconds), b""
+        worker.notes.truncate(0)
+        if worker.begun:
+            worker.until = time.monotonic() + seconds
+        self._send(worker, job)
 
     def take(self) -> tuple[Any, Any, BaseException | None]:
         """Wait for a job.
@@ -103,7 +157,10 @@ class Pool:
         Returns
         -------
         (what, result, error)
-            The error is what the job raised, or ``WorkerDied``: then another process has taken the place of that one.
+            The error is None, or what the job raised: ``MemoryError`` beyond the limit of
+            memory, ``JobFailed`` with the text of an error that cannot be pickled.
+            ``TimedOut`` after the limit of time, and ``WorkerDied`` where the job ended its
+            process: another process has then taken the place of that one.
 
         Raises
         ------
@@ -112,49 +169,94 @@ class Pool:
         """
         while True:
             busy = {w.connection: w for w in self._workers if w.job is not None}
-            for connection in wait(list(busy)):
+            ready = wait(list(busy), watchdog.TICK)
+            for worker in busy.values():
+                if worker.connection not in ready:
+                    now = time.monotonic()
+                    # it has ended, and a child of it keeps the connection open
+                    if worker.process.poll() is not None and not worker.connection.poll():
+                        return self._replaced(worker)
+                    if (noted := os.pread(worker.notes.fileno(), 24, 0)) != worker.noted:
+                        worker.noted, worker.until = noted, now + worker.job[1]
+                    if now > worker.until:
+                        ends = [signal.SIGKILL] if worker.late else [signal.SIGTERM, signal.SIGCONT]
+                        watchdog.tell([worker.process.pid], *ends)
+                        worker.late, worker.until = True, now + watchdog.PATIENCE
+            for connection in ready:
                 worker = busy[connection]  # type: ignore[index]
                 try:
-                    answer = worker.connection.recv()
+                    answer = worker.connection.recv_bytes()
                 except (EOFError, OSError):
                     return self._replaced(worker)
-                if answer is None:
-                    worker.begun = True
-                    continue
-                (what,), worker.job = worker.job, None
-                return (what, *answer)
+                if not worker.begun:
+                    worker.begun, worker.until = True, time.monotonic() + worker.job[1]
+                elif not worker.late:  # else it is about to end
+                    return self._taken(worker, answer)
+
+    def _taken(self, worker: _Worker, answer: bytes) -> tuple[Any, Any, BaseException | None]:
+        (what, _), worker.job, worker.until = worker.job, None, math.inf
+        try:
+            result, error = pickle.loads(answer)
+        except Exception as e:
+            result, error = None, e
+        if isinstance(error, MemoryError) and self._memory:
+            said = str(error) or "a job asked for too much memory"
+            error = MemoryError(f"{said}; the limit is memory = {self._memory} bytes, raise it")
+        return what, result, error
 
     def _replaced(self, worker: _Worker) -> tuple[Any, None, WorkerDied]:
-        status = worker.process.wait()
+        noted = os.pread(worker.notes.fileno(), 24, 0)
+        status = _end_of(worker, time.monotonic() + watchdog.PATIENCE)
+        self._report(worker.process)
+        self._workers.remove(worker)
         said = f"by signal {-status}" if status < 0 else f"with exit status {status}"
         if not worker.begun:
             raise WorkerDied(f"a worker process ended {said} as it began; what it wrote on stderr says why")
-        worker.connection.close()
-        new = self._start()
-        self._workers[self._workers.index(worker)] = new
-        self._send(new, self._begin)
-        return worker.job[0], None, WorkerDied(f"it ended its process {said}")
+        self.widen(len(self._workers) + 1)
+        what, seconds = worker.job
+        limit = f"; the limit is memory = {self._memory} bytes" if self._memory and status < 0 else ""
+        died = WorkerDied(f"it ended its process {said}{limit}")
+        if worker.late:
+            died = TimedOut(f"it took longer than its {seconds:g} s; allow more")
+        if noted:
+            died.at, died.data = int.from_bytes(noted[:8]), noted[8:]
+        return what, None, died
 
     def _start(self) -> _Worker:
         ours, theirs = multiprocessing.Pipe()
-        serve = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({theirs.fileno()}, {self._gone})"
-        kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is for this process
-        try:
-            process = subprocess.Popen(
-                [sys.executable, "-c", serve],
-                stdin=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(), self._gone),
-                env=os.environ | ONE_THREAD,
-            )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+        notes = tempfile.TemporaryFile()
+        serve = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
+        serve += f"serve({theirs.fileno()}, {notes.fileno()}, {self._memory})"
+        process = subprocess.Popen(
+            [sys.executable, "-c", serve],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno(), notes.fileno()],
+            env=os.environ | ONE_THREAD,
+            start_new_session=True,
+        )
+        self._report(process)
         theirs.close()
-        return _Worker(process, ours)
+        return _Worker(process, ours, notes)
+
+    def _report(self, process: subprocess.Popen) -> None:
+        """Tell the watchdog that a worker has started, or is gone."""
+        with suppress(BrokenPipeError):
+            os.write(self._watchdog.stdin.fileno(), process.pid.to_bytes(8))  # type: ignore[union-attr]
 
     @staticmethod
     def _send(worker: _Worker, data: bytes) -> None:
         with suppress(BrokenPipeError, ConnectionResetError):  # `take` will find that it is gone
             worker.connection.send_bytes(data)
+
+
+def _end_of(worker: _Worker, until: float) -> int:
+    """Wait for a process until a time, kill what is left, and return the exit status."""
+    with suppress(subprocess.TimeoutExpired):
+        worker.process.wait(max(0.0, until - time.monotonic()))
+    watchdog.tell([worker.process.pid], signal.SIGKILL)
+    worker.connection.close()
+    worker.notes.close()
+    return worker.process.wait()
 
 
 @contextmanager
@@ -212,12 +314,11 @@ def _here(function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) ->
 
 def _in_order(pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) -> Iterator[T]:
     results: dict[int, tuple[T, BaseException | None]] = {}
-    given = 0
+    todo = iter(enumerate(jobs))
     for k in range(len(jobs)):
         while k not in results:
-            while pool.room and given < len(jobs):
-                pool.submit(given, function, *jobs[given])
-                given += 1
+            for at, job in islice(todo, pool.room):
+                pool.submit(at, function, *job)
             at, result, error = pool.take()
             results[at] = result, error
             if error is None:
@@ -230,64 +331,98 @@ def _in_order(pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], don
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM ends the program like an exception does, where nobody else takes it."""
-    free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if free:
-        signal.signal(signal.SIGTERM, _end)
+    """SIGTERM and SIGHUP (a terminal that is closed) end the program like an exception does, where nobody else takes them."""
+    main = threading.current_thread() is threading.main_thread()
+    ends = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
+    free = [s for s in ends if main and signal.getsignal(s) is signal.SIG_DFL]
+    for s in free:
+        signal.signal(s, _end)
     try:
         yield
     finally:
-        if free:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for s in free:
+            signal.signal(s, signal.SIG_DFL)
+
+
+class _Ended(SystemExit):
+    """The SystemExit that SIGTERM raises."""
 
 
 def _end(number: int, frame: Any) -> None:
     signal.signal(number, signal.SIG_IGN)  # once is enough
-    raise SystemExit(128 + number)
+    raise _Ended(128 + number)
 
 
 # In a worker -------------------------------------------------------------------------------------------------------------
-def serve(connection: int, parent: int) -> None:
-    """Do what comes, until nobody is left who gives anything; both arguments are file descriptors."""
+_notes = -1, 0  # file descriptor and process; none in a process that is no worker
+
+
+def note(at: int, data: bytes) -> None:
+    """Say which part of the job is under way, and 16 bytes about it, in case the process ends there.
+
+    The seconds that the job has begin anew.
+    """
+    file, process = _notes
+    if process == os.getpid():  # and not a job's fork
+        os.pwrite(file, at.to_bytes(8) + data, 0)
+
+
+def ended(e: BaseException) -> bool:
+    """Return whether an exception is the end that the driver asked for."""
+    return isinstance(e, _Ended)
+
+
+def serve(connection: int, notes: int, memory: int | None) -> None:
+    """Do the jobs that come over a connection (a file descriptor) until it is closed."""
+    global _notes
+    _notes = notes, os.getpid()
     signal.signal(signal.SIGTERM, _end)
-    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    if memory:
+        import resource
+
+        with suppress(ValueError):  # what is permitted is less already
+            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     client, own = Connection(connection), os.getpid()
-    failed: Exception | None = None
     with suppress(EOFError, OSError):
-        begin = client.recv_bytes()
-        try:
-            function, *args = pickle.loads(begin) or [_nothing]
-            function(*args)
-        except Exception as e:
-            failed = e
-        client.send(None)
+        begun = _answer(client.recv_bytes())
+        failed = pickle.loads(begun)[1] is not None
+        client.send_bytes(b"")
         while True:
-            answer = _answer(client.recv_bytes(), failed)
+            job = client.recv_bytes()
+            answer = begun if failed else _answer(job)
             if os.getpid() != own:
                 os._exit(0)  # the job has forked, and this is the other one: it was not asked
             client.send_bytes(answer)
 
 
-def _answer(data: bytes, failed: Exception | None) -> bytes:
+def _answer(data: bytes) -> bytes:
     try:
-        if failed is not None:
-            raise failed
         function, args = pickle.loads(data)
         return pickle.dumps((function(*args), None))
-    except Exception as e:
-        try:
-            pickle.loads(answer := pickle.dumps((None, e)))  # some exceptions cannot be made again
-        except Exception:
-            answer = pickle.dumps((None, RuntimeError(f"{type(e).__name__}: {e}")))
-        return answer
+    except _Ended:
+        raise
+    except BaseException as e:
+        return _failure(e.with_traceback(None))  # which may hold what fills the memory
 
 
-def _nothing() -> None:
-    pass
+def _failure(e: BaseException) -> bytes:
+    """Return the answer of a job that raised an error.
+
+    It holds the error itself; its text where the error cannot be pickled and made again,
+    or would end the driver too, as SystemExit does; its name where it gives no text.
+    """
+    name = type(e).__name__
+    told = (
+        lambda: e,
+        lambda: JobFailed(f"{name}: {e}"),
+        lambda: JobFailed(f"{name}, which gives no text"),
+    )
+    for make in told[not isinstance(e, Exception) :]:
+        with suppress(BaseException):
+            pickle.loads(answer := pickle.dumps((None, make())))
+            return answer
+    raise e
 
 
-def _follow(parent: int) -> None:
-    os.read(parent, 1)  # until the other end is closed
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(PATIENCE)
-    os._exit(128 + signal.SIGTERM)
+def _begin(function: Callable[..., Any] = int, *args: Any) -> None:
+    function(*args)

@@ -6,6 +6,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+announce: list[Callable[[str], None]] = []
+"""Who is told, before it begins, of work that takes long and is done once: the command line prints it."""
+
 
 @contextmanager
 def progress(what: str, total: float | None, wanted: bool | str = True) -> Iterator[Callable[..., None]]:

@@ -1,4 +1,4 @@
-"""From rows to jobs and back: jobs of some seconds, and what becomes of those whose process dies."""
+"""From rows to jobs and back: jobs of about a second, and what becomes of those whose process dies."""
 
 from __future__ import annotations
 
@@ -7,32 +7,43 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from .plan import Plan
-from .store import Store
 from .work import as_bytes, figures_table, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TASK = 3.0  # s of work in one job: what a job costs beside is then below 1 %
+TASK = 1.0  # s of work in one job: what a killed sweep can lose of finished work, besides what waits to be written
 SENT = 0.015  # s of client and scheduler for one job, one after another (benchmarks/cluster.py)
 MOST_ROWS = 20_000  # of a job
 DEATHS = 3  # of a process by one row alone, until the row is what is wrong
+
+
+class Death(NamedTuple):
+    """How a process ended in the middle of a job."""
+
+    why: str
+    at: int
+    """Number of the row that it was at."""
+    content: bytes
+    """Of that row, as far as it was known."""
+    final: bool
+    """Whether the row shall not run again: it went past a limit."""
 
 
 class Engine(Protocol):
     """Where jobs run."""
 
     def room(self) -> int:
-        """How many jobs it takes now."""
+        """Return how many jobs it takes now."""
 
     def workers(self) -> int:
-        """How many run at once."""
+        """Return how many run at once."""
 
-    def submit(self, what: Any, data: bytes) -> None:
+    def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         """Give it a job."""
 
-    def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
-        """The next job that is done: its result, or why its process died."""
+    def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
+        """Return the next job that has ended: its result, or how its process died."""
 
 
 class Job(NamedTuple):
@@ -42,8 +53,32 @@ class Job(NamedTuple):
     deaths: int = 0
 
 
-def drive(plan: Plan, todo: pa.Table, store: Store, engine: Engine, row_seconds: float, advance: Callable[..., None]) -> None:
-    """Jobs of some seconds that shrink towards the end, no more of them than are needed to keep all workers busy."""
+def drive(
+    plan: Plan,
+    todo: pa.Table,
+    engine: Engine,
+    keep: Callable[[pa.Table], None],
+    row_seconds: float,
+    advance: Callable[..., None],
+    look: bool = False,
+) -> None:
+    """Run all rows, in jobs of about a second, no more of them at once than keep all workers busy.
+
+    Parameters
+    ----------
+    plan : Plan
+    todo : Table
+        The rows.
+    engine : Engine
+    keep : callable
+        Gets rows with their figures, some at a time.
+    row_seconds : float
+        How long a row takes, as far as that is known.
+    advance : callable
+        Gets how many rows are done.
+    look : bool
+        Find the content of the rows, and run nothing.
+    """
     again: deque[Job] = deque()
     at = flying = 0
     while flying or again or at < todo.num_rows:
@@ -53,28 +88,38 @@ def drive(plan: Plan, todo: pa.Table, store: Store, engine: Engine, row_seconds:
             else:
                 job = Job(todo.slice(at, job_rows(todo.num_rows - at, engine.workers(), row_seconds)))
                 at += job.rows.num_rows
-            engine.submit(job, as_bytes(job.rows))
+            engine.submit(job, as_bytes(job.rows), look, job_seconds(engine.workers()))
             flying += 1
-        job, result, death = engine.take()
+        job, result = engine.take()
         flying -= 1
-        size = job.rows.num_rows
-        if result is None:
-            if size > 1:
-                again.extend((Job(job.rows.slice(0, size // 2)), Job(job.rows.slice(size // 2))))
+        rows = job.rows
+        if isinstance(result, Death):
+            alone = Job(rows.slice(result.at, 1), job.deaths + 1 if rows.num_rows == 1 else 1)
+            parts = rows.slice(0, result.at), rows.slice(result.at + 1)
+            again.extend(Job(part) for part in parts if part.num_rows)
+            if not result.final and alone.deaths < DEATHS:
+                again.append(alone)
                 continue
-            if job.deaths + 1 < DEATHS:
-                again.append(Job(job.rows, job.deaths + 1))
-                continue
-            figures = figures_table(plan, [None], [None], [f"{DEATHS} times: {death}"])
+            times = "" if result.final else f"{DEATHS} times: "
+            figures = figures_table(plan, [{"error": times + result.why, "content": result.content}])
+            rows = alone.rows
         else:
             figures, seconds = from_bytes(result[0]), result[1]
-            row_seconds = 0.5 * row_seconds + 0.5 * seconds / size
-        store.add(joined(plan, job.rows, figures))
-        advance(size)
+            row_seconds = 0.5 * row_seconds + 0.5 * seconds / figures.num_rows
+            if rest := rows.num_rows - figures.num_rows:
+                again.append(Job(rows.slice(figures.num_rows)))
+                rows = rows.slice(0, rows.num_rows - rest)
+        keep(joined(plan, rows, figures))
+        advance(rows.num_rows)
+
+
+def job_seconds(workers: int) -> float:
+    """Return how long a job runs until it hands back what it has done; so long that no worker waits for the client."""
+    return max(TASK, SENT * workers)
 
 
 def job_rows(left: int, workers: int, row_seconds: float) -> int:
-    """Rows of the next job: TASK seconds, less towards the end, and never so short that workers wait for the client."""
+    """Return how many rows the next job has; fewer towards the end."""
     seconds = max(SENT * workers, min(TASK, left * row_seconds / (2 * workers)))
     return max(1, min(int(seconds / row_seconds), left, MOST_ROWS))
 

@@ -1,41 +1,41 @@
-"""Where the rows of a sweep run: in this process, in processes beside it, or on a Dask cluster."""
+"""Where the rows of a sweep run: in processes beside this one, or on a Dask cluster."""
 
 from __future__ import annotations
 
 import pickle
+import threading
 import time
 import warnings
-from collections.abc import Callable
 from typing import Any, Self
 
 from ..core.packages import package
-from ..core.pool import Pool, WorkerDied
+from ..core.pool import Pool, TimedOut, WorkerDied
 from ..errors import BadValue, MissingPackage, SinkError
-from .drive import TASK, drive
+from .drive import Death
 from .plan import Plan, versions
-from .rows import arrow
-from .store import Store
-from .work import Motions, Runner, as_bytes, begin, differing, figures_table, from_bytes, run_kept, run_part
+from .work import NO_SCENE, Motions, Runner, as_bytes, begin, differing, from_bytes, run_kept
 
 BESIDE = 2  # jobs of a cluster for each thread: one that runs and one that waits
 FEWEST = 8  # jobs that are sent to a cluster whose workers are still to come
-Run = Callable[[Plan, Motions, bytes], tuple[bytes, float]]
 PATIENCE = 20.0  # s, for a scheduler to answer
 LONELY = 10.0  # s without a result, until workers are looked for
 POLL = 0.01  # s
 
 
 class Here:
-    """This process, with the runner that made the first rows."""
+    """This process itself, where a debugger can follow; nothing protects it from what a row does."""
 
-    def __init__(self, runner: Runner):
-        self._runner = runner
-        self._done: list[tuple[Any, tuple[bytes, float], str]] = []
+    def __init__(self, plan: Plan, motions: Motions):
+        self._runner = Runner(plan, motions)
+        self._done: list[tuple[Any, tuple[bytes, float]]] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        pass
+
+    def widen(self, workers: int) -> None:
         pass
 
     def room(self) -> int:
@@ -44,21 +44,21 @@ class Here:
     def workers(self) -> int:
         return 1
 
-    def submit(self, what: Any, data: bytes) -> None:
+    def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         began = time.perf_counter()
-        table = figures_table(self._runner.plan, *self._runner.run(from_bytes(data).to_pylist()))
-        self._done.append((what, (as_bytes(table), time.perf_counter() - began), ""))
+        table = self._runner.run(from_bytes(data).to_pylist(), look, seconds)
+        self._done.append((what, (as_bytes(table), time.perf_counter() - began)))
 
-    def take(self) -> tuple[Any, tuple[bytes, float], str]:
+    def take(self) -> tuple[Any, tuple[bytes, float]]:
         return self._done.pop()
 
 
 class Local:
-    """Processes of one thread each."""
+    """Processes of one thread each on this machine; one, until more are asked for."""
 
-    def __init__(self, plan: Plan, motions: Motions, workers: int):
-        self._workers = workers
-        self._pool = Pool(workers, begin, packed((plan, motions)))
+    def __init__(self, plan: Plan, motions: Motions):
+        self._seconds, memory = plan.limits["row_seconds"], int(min(plan.limits["row_bytes"], 2**62))
+        self._pool = Pool(1, begin, packed((plan, motions)), memory=memory)
 
     def __enter__(self) -> Self:
         return self
@@ -66,20 +66,26 @@ class Local:
     def __exit__(self, *error: object) -> None:
         self._pool.__exit__(*error)
 
+    def widen(self, workers: int) -> None:
+        """Use so many processes from now on."""
+        self._pool.widen(workers)
+
     def room(self) -> int:
         return self._pool.room
 
     def workers(self) -> int:
-        return self._workers
+        return self._pool.workers
 
-    def submit(self, what: Any, data: bytes) -> None:
-        self._pool.submit(what, run_kept, data)
+    def submit(self, what: Any, data: bytes, look: bool, seconds: float, motions: bytes = b"") -> None:
+        self._pool.submit(what, run_kept, data, look, seconds, motions, seconds=self._seconds)
 
-    def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
+    def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
         what, result, error = self._pool.take()
-        if error is not None and not isinstance(error, WorkerDied):
+        if isinstance(error, WorkerDied):
+            return what, Death(str(error), error.at, error.data, isinstance(error, TimedOut))
+        if error is not None:
             raise error
-        return what, result, str(error or "")
+        return what, result
 
 
 def packed(what: Any) -> bytes:
@@ -124,6 +130,7 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         try:
             self._client.cancel(list(self._flying))
+            self._client.run(end_beside)
         except Exception:
             pass  # it went away
         self._close()
@@ -148,30 +155,30 @@ class Cluster:
     def room(self) -> int:
         return max(0, max(BESIDE * self.workers(), FEWEST) - len(self._flying))
 
-    def submit(self, what: Any, data: bytes) -> None:
-        self._send(run_part, what, data)
+    def widen(self, workers: int) -> None:
+        """Leave it to the cluster."""
 
-    def _send(self, run: Run, what: Any, data: bytes) -> None:
+    def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         table = from_bytes(data)
         names = table["motion"].unique().to_pylist() if "motion" in table.column_names else [""]
         hands = [(name, *self._hands[name]) for name in names]
-        future = self._client.submit(run_sent, run, self._held, [h[:2] for h in hands], [h[2] for h in hands], data, pure=False)
-        self._flying[future] = what, data
+        keys, futures = [h[:2] for h in hands], [h[2] for h in hands]
+        future = self._client.submit(run_beside, self._held, keys, futures, data, look, seconds, pure=False)
+        self._flying[future] = what
         self._done.add(future)
 
-    def take(self) -> tuple[Any, tuple[bytes, float] | None, str]:
-        while True:
-            self._wait()
-            future = next(self._done)
-            what, data = self._flying.pop(future)
-            try:
-                return what, future.result(), ""
-            except self._distributed.KilledWorker:
-                self._send(run_apart, what, data)
-            except (self._distributed.CancelledError, OSError) as e:
-                raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
-            finally:
-                future.release()
+    def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
+        self._wait()
+        future = next(self._done)
+        what = self._flying.pop(future)
+        try:
+            return what, future.result()
+        except self._distributed.KilledWorker as e:
+            return what, Death(f"the Dask workers that ran it died: {e}", 0, NO_SCENE, False)
+        except (self._distributed.CancelledError, OSError) as e:
+            raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
+        finally:
+            future.release()
 
     def _wait(self) -> None:
         """Until a job is done; that a cluster has no workers is said, and they are waited for: a queue may take its time."""
@@ -210,16 +217,30 @@ def same(what: Any) -> Any:
     return what
 
 
-def run_sent(run: Run, plan: Plan, names: list[tuple[str, bytes]], motions: list[Any], data: bytes) -> tuple[bytes, float]:
-    """A job as a task, where motions come as results of other tasks."""
-    return run(plan, {name: (digest, m) for (name, digest), m in zip(names, motions, strict=True)}, data)
+_beside: dict[int, tuple[str, Local, set[bytes]]] = {}
+"""In a worker of Dask, by thread: key of the plan, the process beside it, and the motions that it has."""
 
 
-def run_apart(plan: Plan, motions: Motions, data: bytes) -> tuple[bytes, float]:
-    """A job whose workers died, in a process of its own beside the worker: what ends that is one row, whose error it is."""
-    began, rows = time.perf_counter(), from_bytes(data)
-    with Store(None, {}, {}) as store, Local(plan, motions, 1) as engine:
-        drive(plan, rows, store, engine, TASK, lambda done: None)
-    made = arrow().concat_tables(store.tables, promote_options="permissive").combine_chunks()
-    order = arrow("pyarrow.compute").index_in(rows["key"].combine_chunks(), value_set=made["key"].combine_chunks())
-    return as_bytes(made.take(order).select([*plan.units, "fault", "error"])), time.perf_counter() - began
+def run_beside(
+    plan: Plan, keys: list[tuple[str, bytes]], motions: list[Any], data: bytes, look: bool, seconds: float
+) -> tuple[bytes, float] | Death:
+    """Run a job in a process beside a worker of Dask: what ends that is one row, and the worker goes on."""
+    if (here := versions()) != plan.versions:
+        raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
+    given = {name: (digest, m) for (name, digest), m in zip(keys, motions, strict=True)}
+    thread, key = threading.get_ident(), f"{plan.key} {plan.seconds}"
+    if thread not in _beside or _beside[thread][0] != key:
+        if thread in _beside:
+            _beside.pop(thread)[1].__exit__()
+        _beside[thread] = key, Local(plan, given), {digest for _, digest in keys}
+    _, engine, known = _beside[thread]
+    new = {name: m for name, m in given.items() if m[0] not in known}
+    known.update(digest for digest, _ in new.values())
+    engine.submit(None, data, look, seconds, packed(new))
+    return engine.take()[1]
+
+
+def end_beside() -> None:
+    """End the processes beside a worker of Dask."""
+    while _beside:
+        _beside.popitem()[1][1].__exit__()

@@ -34,6 +34,8 @@ class Measure:
     """Of a rendering and of what ``prepare`` gave: one number for each figure."""
     prepare: Callable[[dict[str, Array], float], Any] | None = None
     """Of the inputs (name to samples) and fs: what depends on the motion alone, made once for each motion."""
+    version: str | None = None
+    """Stated by the author, where it stands for the content of the functions."""
 
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
         """The figures of a rendering; BadValue that names the measure where it gives something else."""
@@ -54,6 +56,7 @@ def measure(
     /,
     *,
     prepare: Callable[[dict[str, Array], float], Any] | None = None,
+    version: str | None = None,
     **figures: str,
 ) -> Callable[[Callable[..., Any]], Measure]:
     """Make a function of a rendering a measure of a sweep.
@@ -65,6 +68,9 @@ def measure(
     prepare : callable, optional
         ``prepare(inputs, fs)``, called once for each motion with its samples by input name, shape (n,): what it gives comes as
         second argument of the function.
+    version : str, optional
+        What the figures count as in a kept sweep, in place of the content of the functions: state it where a function uses
+        something whose content cannot be seen, and state another one after each change.
     **figures : str
         Names and units of several figures: the function then gives a number for each, in this order.
 
@@ -94,6 +100,8 @@ def measure(
     >>> measured(run, [lowest, onset])
     {'lowest': 0.0, 'first': 0.002, 'largest': 2.0}
     """
+    if not isinstance(version, str | None):
+        raise BadValue(f'measure: version = {version!r:.80} must be a text, such as version="1"')
     if (unit_ is None) == (not figures) or not isinstance(unit_, str | None):
         raise BadValue('measure: give the unit of the figure, measure("N"), or several by name, measure(onset="s", slope="N/s")')
 
@@ -102,7 +110,7 @@ def measure(
 
     def made(function: Callable[..., Any]) -> Measure:
         units = {function.__name__: unit_} if unit_ is not None else figures
-        return Measure(function.__name__, units, function if prepare else partial(_alone, function), prepare)
+        return Measure(function.__name__, units, function if prepare else partial(_alone, function), prepare, version)
 
     return made
 

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 import platform
-import sys
-import sysconfig
-from collections.abc import Callable, Iterator, Mapping
-from copyreg import dispatch_table
-from dataclasses import dataclass, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.definitions import definitions
-from ..core.graph import Block, Pick
+from ..core.graph import pack
+from ..core.program import design_of
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.generators import Motion as Generated
 from ..motion.recorded import Recording
 from ..motion.source import frames_of, sources_of
+from .identity import identity, own_classes
 from .measures import Measure
 from .rows import Roles, arrow, name_of
 
@@ -35,13 +32,20 @@ if TYPE_CHECKING:
 PACKAGES = ("stimlib", "numpy", "scipy", "numba", "llvmlite")
 KEY = 16  # bytes
 CHUNK = 100_000  # rows that are Python objects at once
-INSTALLED = [Path(sysconfig.get_path("stdlib")).resolve(), Path(__file__).resolve().parents[1]]
-"""Folders of modules whose versions are recorded, besides those of packages."""
 
 
 def versions() -> dict[str, str]:
     """Of everything that the bits of a figure may depend on."""
-    return {"python": platform.python_version(), **{p: version(p) for p in PACKAGES}}
+    return {"python": platform.python_version(), **{p: version(p) for p in PACKAGES}, "source": _source_hash()}
+
+
+@cache
+def _source_hash() -> str:
+    """Return a hash of stimlib's own files, which may change without its version."""
+    h = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        h.update(path.read_bytes())
+    return h.hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,10 @@ class Plan:
     versions: dict[str, str]
     key: str
     """sha256 of what every row's figures depend on."""
+    measure_keys: list[str]
+    """What each measure counts as; none where nothing is kept."""
+    limits: dict[str, float]
+    """Those in force where the sweep began."""
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
         """The scene of a row."""
@@ -90,131 +98,59 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
     return n
 
 
-def motion_digest(given: Any, fs: float, seconds: float | None) -> bytes:
-    """Content of a motion as it was given, and how much of it is used: 16 bytes."""
+def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> bytes:
+    """Return 16 bytes that stand for a motion as it was given, and for how much of it is used.
+
+    A function counts with its name: its samples are part of the content of each row.
+    """
     parts = dict(given) if isinstance(given, Mapping) else {"": given}
     text = [float(seconds).hex() if seconds is not None else "own length"]
-    for name, source in sorted(parts.items()):
-        text.append(f"{name}: {_source(source)}")
+    for key, source in sorted(parts.items()):
+        text.append(f"{key}: {_source(source, name)}")
     return hashlib.sha256("\n".join(text).encode()).digest()[:KEY]
 
 
-def _source(source: Any) -> str:
-    if callable(source) or isinstance(source, Recording):
-        return identity(source)
+def _source(source: Any, name: str) -> str:
+    if isinstance(source, Generated | Recording):
+        return repr(source)  # which makes it again; a recording states the sha256 of its file
+    if callable(source):
+        return f"function {name}"
     values = next(iter(sources_of({"": source}, ("",), 0).values()))
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
-# Functions -----------------------------------------------------------------------------------------------------------
-def identity(f: Any, seen: dict[int, Any] | None = None) -> str:
-    """A text that changes when what a function does changes: its source, and that of the helpers and constants it names.
+# Content -------------------------------------------------------------------------------------------------------------
+def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None = None) -> bytes:
+    """Return 32 bytes that stand for a scene as it runs.
 
-    Of a callable object, class and state.  Of stimlib's own functions and of installed packages the name: their versions are
-    recorded.
+    That is its blocks with their numbers, what their design gives at this sample rate, and the
+    code of all blocks that are not stimlib's.
+
+    Parameters
+    ----------
+    scene : Scene
+    fs : float
+        Sample rate in Hz.
+    design : list, optional
+        What ``design_of`` gave, where it is known.
     """
-    seen = {} if seen is None else seen
-    if f is None or isinstance(f, bool | int | float | complex | str | bytes | np.generic):
-        return repr(f)
-    if id(f) in seen:
-        return f"again {list(seen).index(id(f))}"
-    seen[id(f)] = f  # kept, so that nothing else gets its number
-    if isinstance(f, Measure):
-        return f"{dict(f.units)} {identity(f.function, seen)} {identity(f.prepare, seen)}"
-    if isinstance(f, Scene):
-        return f.hash
-    if isinstance(f, Block):
-        return Scene({"y": Pick(f, f.outputs[0]) if f.outputs else f}).hash
-    if isinstance(f, Generated | Recording):
-        return repr(f)  # which makes it again, the file of a recording by its sha256
-    if isinstance(f, ModuleType):
-        return inspect.getsource(f) if _own(f) else f.__name__
-    if isinstance(f, np.ndarray) and not f.dtype.hasobject:
-        return f"{f.dtype} {f.shape} {hashlib.sha256(np.ascontiguousarray(f).tobytes()).hexdigest()}"
-    if isinstance(f, list | tuple | dict | set | frozenset):
-        listed = f.items() if isinstance(f, dict) else sorted(f, key=repr) if isinstance(f, set | frozenset) else f
-        return f"{type(f).__name__}({', '.join(identity(v, seen) for v in listed)})"
-    return _of_function(f, seen) if isinstance(f, FunctionType) else _of_object(f, seen)
+    h = hashlib.sha256(scene.hash.encode())
+    for p, s in design_of(scene.program, fs) if design is None else design:
+        h.update(pack(p))
+        h.update(pack(s))
+    for kind in own_classes(scene):
+        h.update(identity(kind, kind.__qualname__).encode())
+    return h.digest()
 
 
-def _of_function(f: FunctionType, seen: dict[int, Any]) -> str:
-    if not _own(f):
-        return f"{f.__module__}.{f.__qualname__}"
-    closed = {name: c.cell_contents for name, c in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True)}
-    named = {n: f.__globals__[n] for n in sorted(_names(f.__code__)) if n in f.__globals__} | closed
-    used = [f"{n}={identity(v, seen)}" for n, v in named.items() if _counts(n, v)]
-    code = repr(_code(f.__code__))  # two lambdas of one line have one text
-    return "\n".join([f.__qualname__, _text(f), code, identity(f.__defaults__, seen), identity(f.__kwdefaults__, seen), *used])
+def shared_key(make: Any, measures: list[str], fs: float, roles: Roles) -> tuple[str, dict[str, Any]]:
+    """Return the key of a plan, and the facts that it is made of.
 
-
-def _of_object(f: Any, seen: dict[int, Any]) -> str:
-    """Of a class its source, of an instance also what a pickle would hold, of what is wrapped (cached, compiled) the function."""
-    kind = f if isinstance(f, type) else type(f)
-    text = f"{kind.__module__}.{kind.__qualname__} {_text(kind)}"
-    if isinstance(f, type):
-        return text
-    if hasattr(f, "__wrapped__"):
-        return f"{text} {identity(f.__wrapped__, seen)}"
-    try:
-        state = reduce(f) if (reduce := dispatch_table.get(kind)) else f.__reduce_ex__(4)
-    except Exception:  # a lock, an open file: no constant
-        return text
-    if isinstance(state, str):
-        return f"{text} {getattr(f, '__module__', '')}.{state}"
-    how, *what = [list(v) if isinstance(v, Iterator) else v for v in state]
-    return f"{text} {getattr(how, '__qualname__', '')} {identity(what, seen)}"
-
-
-def _text(f: Any) -> str:
-    try:
-        return inspect.getsource(f)
-    except (OSError, TypeError):
-        return ""
-
-
-def _code(code: CodeType) -> list[Any]:
-    """What runs, without lines and places."""
-    constants = [
-        _code(c) if isinstance(c, CodeType) else sorted(c, key=repr) if isinstance(c, frozenset) else c for c in code.co_consts
-    ]
-    return [code.co_code, code.co_exceptiontable, code.co_names, *constants]
-
-
-def _names(code: CodeType) -> set[str]:
-    return set(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, CodeType)))
-
-
-def _counts(name: str, value: Any) -> bool:
-    """Numbers, texts, collections of them, scenes, modules, and what is called or has fields; not what a package made, such as
-    ``scipy.stats.norm``, whose content is a random state."""
-    holder = sys.modules.get(type(value).__module__)
-    packaged = holder is not None and holder.__name__ != "__main__" and not _own(holder)
-    if packaged and not isinstance(value, np.ufunc) and getattr(holder, name, None) is value:
-        return False
-    kinds = (int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, ModuleType)
-    return isinstance(value, (*kinds, Scene, Block, Recording)) or callable(value) or is_dataclass(value)
-
-
-def _own(f: Any) -> bool:
-    """Whether the source of a function, class or module is there, and not that of a package."""
-    try:
-        file = Path(inspect.getfile(f))
-    except (OSError, TypeError):  # compiled
-        return False
-    if not isinstance(f, FunctionType) and file.suffix != ".py":
-        return False
-    packaged = {"site-packages", "dist-packages"} & {*file.parts}
-    return not packaged and not any(file.resolve().is_relative_to(folder) for folder in INSTALLED)
-
-
-def shared_key(
-    make: Any, scene: Scene, measures: tuple[str | Measure, ...], fs: float, roles: Roles
-) -> tuple[str, dict[str, Any]]:
-    """The key of a plan, and the facts that it is made of."""
+    What a scene is made of is no part of it, but of each row's content.
+    """
     facts = {
-        "scene": scene.hash if isinstance(make, Scene) else identity(make),
-        "blocks": {module: d["sha256"] for module, d in definitions(scene).items()},
-        "measures": [identity(m) if isinstance(m, Measure) else m for m in measures],
+        "scene": make.hash if isinstance(make, Scene) else "made",
+        "measures": measures,
         "fs": float(fs).hex(),
         "live": sorted(roles.live),
         "arguments": sorted(roles.arguments),
@@ -223,9 +159,14 @@ def shared_key(
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest(), facts
 
 
+def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
+    """Return what each measure counts as: its name, or the hash of its content."""
+    return [identity(m, f"measure {m.name}") if isinstance(m, Measure) else m for m in measures]
+
+
 # Rows ----------------------------------------------------------------------------------------------------------------
 def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Array:
-    """16 bytes for each row, of the plan, the row's numbers and the content of its motion.
+    """Return 16 bytes for each row: of the plan, the row's numbers and its motion as given.
 
     Not of order, number or names of motions: a sweep may grow, and parts may have any size.
     """

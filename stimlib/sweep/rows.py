@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 OWN = ("seed", "motion")  # columns with a meaning of their own
-MADE = ("error", "fault", "key")  # columns that a sweep adds
+MADE = ("content", "error", "fault", "key")  # columns that a sweep adds
 
 
 def arrow(module: str = "pyarrow") -> Any:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SIDECAR = "sweep.json"
-VERSION = 1
-EVERY = 2.0  # s between parts: what a killed run can lose, besides what flies
+VERSION = 2
+EVERY = 1.0  # s between parts: finished work that a killed run can lose, besides the second of a job
 LARGEST = 200_000  # rows of a part
 
 
@@ -87,7 +87,7 @@ class Store:
         known = self._same(sidecar) if sidecar.exists() else {}
         if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
             raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
-        names = ["key", *self._about["units"], "fault", "error"]
+        names = ["key", "content", *self._about["units"], "fault", "error"]
         paths = sorted(folder.glob("part-*.parquet"))
         with ThreadPoolExecutor() as threads:
             parts = dict(zip(paths, threads.map(partial(_part, names=names), paths), strict=True))
@@ -112,6 +112,11 @@ class Store:
             if isinstance(e, StimlibError):
                 raise
             raise SinkError(f"{sidecar} is damaged ({type(e).__name__}): name another folder") from None
+        if version == 1:
+            raise SinkError(
+                f"{sidecar.parent} was kept by an earlier stimlib, which could take figures of changed functions for those "
+                "of today; name another folder (its figures can still be read as Parquet)"
+            )
         if version != VERSION:
             raise SinkError(f"{sidecar} is of version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
         if key != self._facts["key"]:
@@ -120,10 +125,14 @@ class Store:
         return known
 
     def done(self, names: Sequence[str]) -> pa.Table:
-        """Keys and some columns of all rows that are there; those that failed come last: a row that ran at last counts."""
+        """Return keys, contents and some columns of all rows that are there.
+
+        What was added last comes first, and rows that failed come after all others.
+        """
         pa, pc = arrow(), arrow("pyarrow.compute")
-        empty = pa.table({name: pa.array([], pa.binary(KEY) if name == "key" else None) for name in ("key", *names)})
-        tables = [t.select(empty.column_names) for t in self.tables]
+        kinds = dict.fromkeys(("key", "content"), pa.binary(KEY)) | dict.fromkeys(names, pa.null())
+        empty = pa.table({name: pa.array([], kind) for name, kind in kinds.items()})
+        tables = [t.select(empty.column_names) for t in reversed(self.tables)]
         table = pa.concat_tables(tables, promote_options="permissive") if tables else empty
         if table["error"].null_count < table.num_rows:
             failed = pc.is_valid(table["error"])
@@ -134,7 +143,7 @@ class Store:
         """Keep some rows, with their keys; a part is written every few seconds."""
         self.tables.append(table)
         self.rows += table.num_rows
-        if self.folder is None:
+        if self.folder is None or self.dry:
             return
         self._waiting.append(table)
         rows = sum(t.num_rows for t in self._waiting)

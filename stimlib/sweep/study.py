@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses as dc
 import json
 import os
+import pickle
 import time
+import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core.pool import terminable
+from .. import errors
+from ..core.bounds import limits
+from ..core.pool import Pool, WorkerDied, note, terminable
 from ..core.program import rate, warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, StimlibError
+from ..errors import BadValue, SceneError
 from ..motion.source import sources_of, warn_fast
 from ..run.rendering import Rendering
 from .drive import drive, joined
-from .engines import Cluster, Here, Local
+from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of
-from .plan import Plan, frames, in_order, motion_digest, motion_of, row_keys, shared_key, versions
-from .rows import MADE, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .plan import Plan, frames, in_order, measure_keys, motion_digest, motion_of, row_keys, shared_key, versions
+from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .store import Store
-from .work import Motions, Runner, error_text
+from .work import Motions, Runner, as_bytes, error_text, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-QUICK = 4.0  # s of work for which no process is started
+LOOK_SECONDS = 0.003  # for making a scene, to compare it with one that was run
+QUICK = 4.0  # s of work for which one process is enough
 
 
 class Forecast(NamedTuple):
@@ -84,6 +89,9 @@ def sweep(
     killed goes on when it is called again, and one with more rows runs only those.  The figures of a row are the same bits
     whatever ran beside it, in any order, number of workers or engine; processors of another kind may round differently.
 
+    All rows run in processes beside this one.  A row that takes longer than ``stimlib.limits.row_seconds`` or more memory than
+    ``row_bytes``, or that ends its process, is a row with that error.
+
     Parameters
     ----------
     make : Scene or callable
@@ -108,7 +116,8 @@ def sweep(
     on : distributed.Client or str, optional
         A Dask cluster, or its address such as ``"tcp://head:8786"``; by default this machine.
     workers : int, optional
-        Processes on this machine; by default one for each core, and none where the work takes only seconds.
+        Processes on this machine; by default one for each core, and a single one where the work takes only seconds.  0: the rows
+        run in this process, where a debugger can follow, without a limit and without protection from what they do.
     retry : bool
         Run rows that failed before once more.
     dry : bool
@@ -126,7 +135,8 @@ def sweep(
     ------
     UnknownName, BadValue, UnitError, SceneError
         What is wrong with rows, motion, measures or scene, before the first run; an error that the first, the middle and the
-        last row have in common; versions on a cluster that differ from those here.
+        last row have in common; versions on a cluster that differ from those here; a folder with figures that another scene,
+        motion or version of them gave; with ``out``, a measure that uses something whose content cannot be seen.
     SinkError
         The folder cannot be written or is that of something else; the cluster went away.
     MissingPackage
@@ -147,25 +157,35 @@ def sweep(
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
-    table, plan, motions, facts, about = planned(make, rows, motion=motion, measures=measures, fs=fs, seconds=seconds, live=live)
+    words = {"motion": motion, "measures": measures, "fs": rate(fs), "seconds": seconds, "live": live, "kept": out is not None}
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
+        raise BadValue(f"sweep: workers = {workers!r} must be a whole number: processes, or 0 for this process itself")
+    apart = workers != 0 and not isinstance(make, Scene)  # a function may end its process
+    table, plan, motions, facts, about, samples = (_planned_apart if apart else planned)(make, table_of(rows), words)
     if not plan.units:
         raise BadValue(f'a sweep needs measures, such as ["rms", "peak"]; there are {", ".join(NAMED)}')
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise BadValue(f"sweep: workers = {workers!r} must be a whole number, at least 1")
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store:
-        done = store.done([*plan.units, "fault", "error"])
-        places = _places(keyed, done)
-        todo = _missing(keyed, done, places, retry)
-        pilot = _pilot(plan, motions, todo, new=not store.tables) if todo.num_rows else None
+    with Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store, terminable():
+        engine: Any = Cluster(on, plan, motions) if on is not None else (Local if workers != 0 else Here)(plan, motions)
+        with engine:
+            names = [*plan.units, "fault", "error"]
+            done = store.done(names)
+            done = _confirmed(plan, keyed, done, engine, workers, progress)
+            todo = _missing(keyed, done, retry)
+            began, row_seconds = store.rows, 0.0
+            try:
+                if todo.num_rows:
+                    row_seconds = _run(plan, todo, store, engine, workers, dry, progress)
+            except KeyboardInterrupt:
+                what = f"{store.rows - began} of {todo.num_rows} rows were done"
+                kept = "; run it again for the rest" if store.folder is not None else ", and are lost: with out= they are kept"
+                raise KeyboardInterrupt(what + kept) from None
         if dry:
-            return _forecast(table, todo, plan, pilot)
-        if pilot is not None:
-            _run(plan, motions, todo, store, pilot, on, workers, progress)
-            done = store.done(done.column_names[1:])
-            places = _places(keyed, done)
-        result = joined(plan, keyed.drop_columns(["key"]), done.drop_columns(["key"]).take(places))
+            n, columns = table.num_rows, len(plan.units) + table.num_columns
+            return Forecast(n, n - todo.num_rows, row_seconds, samples, 8.0 * n * columns)
+        done = store.done(names)
+        result = joined(plan, table, done.drop_columns(["key", "content"]).take(_places(keyed, done)))
         return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
 
@@ -211,25 +231,101 @@ def rendering(
     whole = table_of(rows)
     if not isinstance(at, int | np.integer) or not 0 <= at < whole.num_rows:
         raise BadValue(f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}")
-    table, plan, motions, *_ = planned(
-        make, whole.slice(int(at), 1), motion=motion, measures=(), fs=fs, seconds=seconds, live=live
-    )
+    words = {"motion": motion, "measures": (), "fs": rate(fs), "seconds": seconds, "live": live, "kept": False}
+    table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
 
 
 # Before the first run ------------------------------------------------------------------------------------------------
-Planned = tuple["pa.Table", Plan, Motions, dict[str, Any], dict[str, Any]]
+class Planned(NamedTuple):
+    """All that is known before the first run."""
+
+    table: pa.Table
+    plan: Plan
+    motions: Motions
+    facts: dict[str, Any]
+    """What the key of a folder is made of."""
+    about: dict[str, Any]
+    """More for its sidecar."""
+    samples: int
+    """Of a row."""
 
 
-def planned(
-    make: Any, rows: Any, *, motion: Any, measures: Any, fs: float, seconds: float | None, live: Collection[str] | None
-) -> Planned:
-    """Everything that can be known without a run, checked: rows, plan, motions, and what a sidecar tells."""
+class Seen(NamedTuple):
+    """What is found with the scene of some row, as plain data."""
+
+    table: bytes
+    units: dict[str, str]
+    roles: Roles
+    digests: dict[str, bytes]
+    measure_keys: list[str]
+    key: str
+    facts: dict[str, Any]
+    about: dict[str, Any]
+    samples: int
+    warned: list[str]
+
+
+def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
+    """Return all that can be known without a run, checked; the scene of some row is made here."""
+    return _complete(make, words, seen(make, table, words, 0))
+
+
+def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
+    """Return what `planned` does; scenes are made in another process, which they may end."""
+    given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
+    memory = int(min(limits.row_bytes, 2**62))
+    first, error = 0, None
+    while first < len(_rows_to_try(table.num_rows)):
+        with Pool(1, take_given, given, memory=memory) as pool:
+            pool.submit(None, seen_apart, first, seconds=limits.row_seconds)
+            _, found, error = pool.take()
+        if not isinstance(error, WorkerDied):
+            break
+        first = error.at + 1
+    if error is not None:
+        raise error
+    return _complete(make, words, found)
+
+
+def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
+    for text in found.warned:
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
+    given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
+    plan = Plan(
+        make, _asked(words), found.units, words["fs"], words["seconds"], found.roles, versions(), found.key,
+        found.measure_keys, dc.asdict(limits),
+    )  # fmt: skip
+    motions = {name: (digest, given[name]) for name, digest in found.digests.items()}
+    return Planned(from_bytes(found.table), plan, motions, found.facts, found.about, found.samples)
+
+
+def take_given(data: bytes) -> None:
+    """Take what `seen_apart` needs, in a process of the pool."""
+    global _given
+    _given = pickle.loads(data)
+    for name, value in _given[2]["limits"].items():
+        setattr(limits, name, value)
+
+
+_given: tuple[Any, bytes, dict[str, Any]]
+
+
+def seen_apart(first: int) -> Seen:
+    """Return what `seen` finds, in a process of the pool."""
+    make, table, words = _given
+    with warnings.catch_warnings(record=True) as caught:
+        found = seen(make, from_bytes(table), words, first)
+    return found._replace(warned=[str(w.message) for w in caught])
+
+
+def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Seen:
+    """Check rows, motions and measures against the scene of some row."""
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}")
-    fs, table = rate(fs), table_of(rows)
-    scene = some_scene(make, table)
-    roles = roles_of(make, scene, table.column_names, live)
+    fs, seconds, motion = words["fs"], words["seconds"], words["motion"]
+    scene = some_scene(make, table, first)
+    roles = roles_of(make, scene, table.column_names, words["live"])
     named = "motion" in table.column_names
     if named and not isinstance(motion, Mapping):
         raise BadValue(f"the rows have a column motion, so motion must be a dict of motions by name, got {type(motion).__name__}")
@@ -240,98 +336,116 @@ def planned(
         sources = sources_of(motion_of(given[name], scene), tuple(scene.inputs), 0)
         n = frames(sources, fs, seconds)
         sources_of(sources, tuple(scene.inputs), n)
-        warn_fast(sources, scene, n / fs)
+        warn_fast(sources, scene, n / fs, fs)
         warn_beyond(scene.program, fs, n)
-    motions = {name: (motion_digest(given[name], fs, seconds), given[name]) for name in used}
-    asked = tuple(measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures])
-    found = measures_of(asked, scene)
-    units = {name: u for m in found for name, u in m.units.items()}
+    digests = {name: motion_digest(given[name], name, fs, seconds) for name in used}
+    asked = _asked(words)
+    units = {name: u for m in measures_of(asked, scene) for name, u in m.units.items()}
     if own := [name for name in units if name in MADE]:
         raise BadValue(f"measures: a sweep adds a column {own[0]} of its own: give your figure another name")
     if clash := [name for name in units if name in table.column_names]:
         raise BadValue(f"rows have a column {clash[0]}, and so do the measures: give yours another name")
-    key, facts = shared_key(make, scene, asked, fs, roles)
-    plan = Plan(make, asked, units, fs, seconds, roles, versions(), key)
+    keys = measure_keys(asked) if words["kept"] else []
+    key, facts = shared_key(make, keys, fs, roles)
     about = {
         "units": units,
-        "motion": {name: f"{digest.hex()} {m!r:.1000}" for name, (digest, m) in motions.items()},
+        "motion": {name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()},
         "scene_json": scene.to_dict() if isinstance(make, Scene) else None,
     }
-    return table, plan, motions, {"key": key, **facts}, about
+    return Seen(as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [])
 
 
-def some_scene(make: Scene | Callable[..., Scene], table: pa.Table) -> Scene:
-    """The scene, or what the factory makes of the first, the middle or the last row."""
+def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
+    measures = words["measures"]
+    return tuple(measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures])
+
+
+def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
+    """Return the scene, or what the factory makes of the first of some rows of which it makes one.
+
+    Parameters
+    ----------
+    make : Scene or callable
+    table : Table
+    first : int
+        How many of these rows are left out.
+    """
     if isinstance(make, Scene):
         return make
     known = arguments_of(make)
-    error: Exception | None = None
-    for at in _probes(table.num_rows):
-        row = table.slice(at, 1).to_pylist()[0]
+    error: BaseException | None = None
+    rows = _rows_to_try(table.num_rows)
+    for k in range(first, len(rows)):
+        note(k, bytes(16))
+        row = table.slice(rows[k], 1).to_pylist()[0]
         try:
             scene = make(**{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")})
-        except Exception as e:
+        except (Exception, SystemExit) as e:
             error = error or e
             continue
         if not isinstance(scene, Scene):
             raise SceneError(f"{name_of(make)} returns {type(scene).__name__}, not a Scene")
         return scene
-    raise BadValue(f"{name_of(make)} makes no scene of the first row: {type(error).__name__}: {error}") from error
+    raise BadValue(f"{name_of(make)} makes no scene of the first row: {error_text(error)}") from error  # type: ignore[arg-type]
 
 
-def _probes(n: int) -> list[int]:
-    return sorted({0, n // 2, n - 1})
-
-
-@dataclass(frozen=True)
-class Pilot:
-    """The first runs: the runner that did them, and how long one of them took."""
-
-    runner: Runner
-    row_seconds: float
-
-
-def _pilot(plan: Plan, motions: Motions, todo: pa.Table, new: bool) -> Pilot:
-    """Run the first, the middle and the last row; what all of them have wrong is an error now, and no lost night."""
-    runner = Runner(plan, motions)
-    errors: list[Exception] = []
-    times: list[float] = []
-    probes = [0, *_probes(todo.num_rows)]
-    for at in probes:  # the first once more: the first time is that of its scene
-        began = time.perf_counter()
-        try:
-            runner.figures(todo.slice(at, 1).to_pylist()[0])
-        except Exception as e:
-            errors.append(e)
-        times.append(time.perf_counter() - began)
-    if new and len(errors) == len(probes):
-        first = errors[0]
-        text = f"sweep: the first row fails, and so do others: {error_text(first)}"
-        raise (type(first) if isinstance(first, StimlibError) else BadValue)(text) from first
-    return Pilot(runner, sorted(times[1:])[len(times) // 2 - 1])
+def _rows_to_try(n: int) -> list[int]:
+    """Return some rows, the first, the last and the middle one before others."""
+    return list(dict.fromkeys(int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)))
 
 
 def _is_folder(out: Any) -> bool:
     return out is not None and os.path.isdir(out)
 
 
-def _forecast(table: pa.Table, todo: pa.Table, plan: Plan, pilot: Pilot | None) -> Forecast:
-    n, there = table.num_rows, table.num_rows - todo.num_rows
-    if pilot is None:
-        return Forecast(n, there, 0.0, 0, 8.0 * n * (len(plan.units) + table.num_columns))
-    samples = pilot.runner.samples
-    return Forecast(n, there, pilot.row_seconds, samples, 8.0 * n * (len(plan.units) + table.num_columns))
-
-
 # The runs --------------------------------------------------------------------------------------------------------------
 def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
-    """Where each row is among those that are done, or null."""
+    """Return where each row is among those that are done, or null."""
     return arrow("pyarrow.compute").index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks())
 
 
-def _missing(keyed: pa.Table, done: pa.Table, places: pa.Array, retry: bool) -> pa.Table:
-    """Rows that are not there yet, each once; with retry those that failed, too."""
+def _confirmed(plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool) -> pa.Table:
+    """Return the rows that are done, without those that failed with another scene or motion than today's.
+
+    The scene of every row that is there is made again, once for each combination of arguments and
+    motion, and compared with the one that was run.
+    """
     pa, pc = arrow(), arrow("pyarrow.compute")
+    places = _places(keyed, done)
+    there = keyed.filter(pc.is_valid(places))
+    if not there.num_rows:
+        return done
+    codes = np.zeros(there.num_rows, np.int64)
+    for name in (*plan.roles.arguments, "motion"):
+        if name in there.column_names:
+            column = there[name].combine_chunks().dictionary_encode().indices.to_numpy()
+            codes = np.unique(codes * (column.max() + 1) + column, return_inverse=True)[1]
+    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
+    looked: list[Any] = []
+    rows = there.take(pa.array(first)).append_column("at", pa.array(np.arange(first.size)))
+    if first.size * LOOK_SECONDS > QUICK:
+        engine.widen(workers or os.cpu_count() or 1)
+    with bar("checking what is kept", first.size, progress) as advance:
+        drive(plan, rows, engine, looked.append, LOOK_SECONDS, advance, look=True)
+    made = pa.concat_tables(looked).sort_by("at")
+    now = made["content"].combine_chunks().take(pa.array(which))
+    kept = done.take(places.drop_null())
+    other = np.asarray(pc.not_equal(now, kept["content"].combine_chunks()))
+    failed = np.asarray(pc.is_valid(kept["error"]).combine_chunks())
+    if (changed := other & ~failed).any():
+        at = int(np.flatnonzero(np.asarray(pc.is_valid(places)))[int(np.argmax(changed))])
+        why = made["error"][int(which[int(np.argmax(changed))])].as_py()
+        raise BadValue(
+            f"row {at} (the first is 0) is kept with the figures of another scene or motion than those of today"
+            f"{f' ({why})' if why else ''}: a function, a block or a file has changed since; name another folder"
+        )
+    return done.filter(pc.invert(pc.is_in(done["key"], value_set=there["key"].combine_chunks().filter(pa.array(other)))))
+
+
+def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
+    """Return the rows that are not there yet, each once; with retry those that failed, too."""
+    pa, pc = arrow(), arrow("pyarrow.compute")
+    places = _places(keyed, done)
     if retry:
         places = pc.if_else(pc.is_valid(done["error"].take(places)).combine_chunks(), None, places)
     keyed = keyed.filter(pc.is_null(places)) if places.null_count < keyed.num_rows else keyed
@@ -342,23 +456,28 @@ def _missing(keyed: pa.Table, done: pa.Table, places: pa.Array, retry: bool) -> 
     return keyed.take(pa.array(np.sort(first)))
 
 
-def _run(
-    plan: Plan, motions: Motions, todo: pa.Table, store: Store, pilot: Pilot, on: Any, workers: int | None, progress: bool
-) -> None:
+def _run(plan: Plan, todo: pa.Table, store: Store, engine: Any, workers: int | None, dry: bool, progress: bool) -> float:
+    """Run the rows, a few of them first; return how long one of those took.
+
+    An error of one kind that the first, the middle and the last row have is raised before the others run.
+    """
     todo = todo.take(arrow().array(in_order(todo, plan.roles)))
-    n, began = todo.num_rows, store.rows
-    quick = n * pilot.row_seconds < QUICK
-    try:
-        with terminable(), bar("sweeping", n, progress) as advance:
-            if on is not None:
-                engine: Any = Cluster(on, plan, motions)
-            elif workers == 1 or (workers is None and (quick or (os.cpu_count() or 1) == 1)):
-                engine = Here(pilot.runner)
-            else:
-                engine = Local(plan, motions, min(workers or os.cpu_count() or 1, n))
-            with engine:
-                drive(plan, todo, store, engine, pilot.row_seconds, advance)
-    except KeyboardInterrupt:
-        what = f"{store.rows - began} of {n} rows were done"
-        kept = "; run it again for the rest" if store.folder is not None else ", and are lost: with out= they are kept"
-        raise KeyboardInterrupt(what + kept) from None
+    n, new = todo.num_rows, not store.tables
+    probes = sorted({0, min(1, n - 1), n // 2, n - 1})
+    times = []
+    with bar("sweeping", n, progress) as advance:
+        for at in probes:
+            began = time.perf_counter()
+            drive(plan, todo.slice(at, 1), engine, store.add, 1.0, advance)
+            times.append(time.perf_counter() - began)
+        row_seconds = float(np.median(times[1:] or times))  # the first time is that of its scene
+        errors_of = [t["error"][0].as_py() or "" for t in store.tables[-len(probes) :]]
+        kinds = {text.partition(":")[0] for text in errors_of}
+        if new and len(kinds) == 1 and (name := kinds.pop()).isidentifier():
+            raise getattr(errors, name, BadValue)(f"sweep: the first row fails, and so do others: {errors_of[0]}")
+        if not dry:
+            rest = todo.take(arrow().array(np.setdiff1d(np.arange(n), probes)))
+            if rest.num_rows * row_seconds > QUICK:
+                engine.widen(min(workers or os.cpu_count() or 1, rest.num_rows))
+            drive(plan, rest, engine, store.add, row_seconds, advance)
+    return row_seconds

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 import pickle
-import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
@@ -12,21 +13,28 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..core import pool
+from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.source import positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
 from .measures import Measure, figures_of, measures_of, prepared
-from .plan import Plan, frames, motion_of, versions
+from .plan import KEY, Plan, frames, measure_keys, motion_of, scene_digest
 from .rows import arrow
 
 T = TypeVar("T")
 Motions = Mapping[str, tuple[bytes, Any]]
 """By name: digest of the content, and the motion as it was given."""
 PROGRAMS = 4  # kept by a worker; rows come sorted
+SCENES = 64  # kept by a worker, not compiled
 MOTION_BYTES = 64e6  # of motions that are kept, at least one
 LONGEST_TEXT = 500  # of an error
+
+
+NO_SCENE = bytes(KEY)
+"""Content of a row whose scene could not be made."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +47,20 @@ class Program:
 
 
 @dataclass(frozen=True)
+class Made:
+    """A scene, and the digest of what it is made of."""
+
+    scene: Scene
+    digest: bytes
+
+
+@dataclass
 class Moved:
     """One motion, sampled, and what measures have made of it."""
 
     motion: dict[str, Any]
     x: np.ndarray
-    ready: list[Any]
+    ready: list[Any] | None = None
 
 
 class Kept(OrderedDict[Any, T]):
@@ -68,18 +84,31 @@ class Runner:
 
     def __init__(self, plan: Plan, motions: Motions):
         self.plan, self.motions = plan, dict(motions)
+        self._scenes: Kept[Made] = Kept()
         self._programs: Kept[Program] = Kept()
         self._moved: Kept[Moved] = Kept()
+        self._digests: dict[Any, bytes] = {}
         self._y = np.empty((0, 0))
+
+    def content(self, row: Mapping[str, Any]) -> bytes:
+        """Return 16 bytes that stand for all that a row's samples are computed from: scene and motion."""
+        if not self.plan.measure_keys:  # nothing is kept
+            return NO_SCENE
+        made = self._made(row)
+        name, inputs = row.get("motion", ""), tuple(made.scene.inputs)
+        key = self.motions[name][0], *inputs
+        if key not in self._digests:
+            self._moved_of(name, made.scene)
+        return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
 
     def rendering(self, row: Mapping[str, Any]) -> tuple[Rendering, Program, Moved]:
         """A row's rendering, whose samples are valid until the next."""
         plan = self.plan
-        arguments = repr([row[n] for n in plan.roles.arguments])
-        program = self._programs.get_or(arguments, PROGRAMS, lambda: self._compiled(row))
+        program = self._programs.get_or(self._arguments(row), PROGRAMS, lambda: self._compiled(row))
         proc = program.proc
-        digest, given = self.motions[row.get("motion", "")]
-        moved = self._moved.get_or((digest, *proc.inputs), self._most(), lambda: self._sampled(given, program))
+        moved = self._moved_of(row.get("motion", ""), program.scene)
+        if moved.ready is None:
+            moved.ready = prepared(program.measures, proc.inputs, moved.x, plan.fs)
         shape = len(proc.outputs), moved.x.shape[1]
         if self._y.shape != shape:
             self._y = np.empty(shape)
@@ -90,35 +119,57 @@ class Runner:
         made = Rendering(program.scene, proc.fs, proc.seed, dict(proc.params), y, proc.outputs, proc.fault, moved.motion)
         return made, program, moved
 
-    @property
-    def samples(self) -> int:
-        """Of the last row."""
-        return self._y.shape[1]
-
     def figures(self, row: Mapping[str, Any]) -> tuple[list[float], str | None]:
         """A row's figures, and its fault."""
         rendering, program, moved = self.rendering(row)
-        values = figures_of(program.measures, rendering, moved.ready)
+        values = figures_of(program.measures, rendering, moved.ready or [])
         return values, None if rendering.fault is None else "{} at sample {}".format(*rendering.fault)
 
-    def run(self, rows: list[dict[str, Any]]) -> tuple[list[list[float] | None], list[str | None], list[str | None]]:
-        """Figures, faults and errors of rows; an error is what that row says, not the end of the others."""
-        results: list[list[float] | None] = []
-        faults: list[str | None] = []
-        errors: list[str | None] = []
-        for row in rows:
-            values = fault = error = None
+    def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
+        """Return figures, fault, error and content of the first rows, of as many as the time allows.
+
+        An error is what that row says, not the end of the others.
+
+        Parameters
+        ----------
+        rows : list of dict
+        look : bool
+            Find the content alone, and run nothing.
+        seconds : float
+            After which no other row is begun.
+        """
+        until = time.perf_counter() + seconds
+        done: list[dict[str, Any]] = []
+        for at, row in enumerate(rows):
+            told: dict[str, Any] = {"content": NO_SCENE}
+            done.append(told)
+            pool.note(at, NO_SCENE)
             try:
-                values, fault = self.figures(row)
-            except Exception as e:
-                error = error_text(e)
-            results.append(values)
-            faults.append(fault)
-            errors.append(error)
-        return results, faults, errors
+                told["content"] = self.content(row)
+                pool.note(at, told["content"])
+                if not look:
+                    values, told["fault"] = self.figures(row)
+                    told |= dict(zip(self.plan.units, values, strict=True))
+            except BaseException as e:
+                if pool.ended(e):
+                    raise
+                told["error"] = error_text(e)
+            if time.perf_counter() > until:
+                break
+        return figures_table(self.plan, done)
+
+    def _arguments(self, row: Mapping[str, Any]) -> str:
+        return repr([row[n] for n in self.plan.roles.arguments])
+
+    def _made(self, row: Mapping[str, Any]) -> Made:
+        def make() -> Made:
+            scene = self.plan.scene(row)
+            return Made(scene, scene_digest(scene, self.plan.fs))
+
+        return self._scenes.get_or(self._arguments(row), SCENES, make)
 
     def _compiled(self, row: Mapping[str, Any]) -> Program:
-        scene = self.plan.scene(row)
+        scene = self._made(row).scene
         measures = measures_of(self.plan.measures, scene)
         units = {name: u for m in measures for name, u in m.units.items()}
         if units != self.plan.units:
@@ -128,37 +179,61 @@ class Runner:
             )
         return Program(scene, Processor(scene, self.plan.fs), measures)
 
-    def _sampled(self, given: Any, program: Program) -> Moved:
-        motion = motion_of(given, program.scene)
-        n = frames(motion, self.plan.fs, self.plan.seconds)
-        x = positions(sources_of(motion, program.proc.inputs, n), 0, n, self.plan.fs)
-        return Moved(motion, x, prepared(program.measures, program.proc.inputs, x, self.plan.fs))
+    def _moved_of(self, name: str, scene: Scene) -> Moved:
+        digest, given = self.motions[name]
+        key = digest, *scene.inputs
+
+        def sampled() -> Moved:
+            inputs = tuple(scene.inputs)
+            motion = motion_of(given, scene)
+            n = frames(motion, self.plan.fs, self.plan.seconds)
+            x = positions(sources_of(motion, inputs, n), 0, n, self.plan.fs)
+            self._digests[key] = hashlib.sha256(repr((inputs, x.shape)).encode() + x.tobytes()).digest()
+            return Moved(motion, x)
+
+        return self._moved.get_or(key, self._most(), sampled)
 
     def _most(self) -> int:
         each = 2 * next(reversed(self._moved.values())).x.nbytes if self._moved else 0
         return max(1, int(MOTION_BYTES / max(each, 1)))
 
 
-def error_text(e: Exception) -> str:
-    """An error as a row tells it."""
-    return f"{type(e).__name__}: {e}"[:LONGEST_TEXT]
+def error_text(e: BaseException) -> str:
+    """Return an error as a row states it."""
+    try:
+        text = str(e)
+    except BaseException as other:  # of a class of the user's
+        if pool.ended(other):
+            raise
+        text = f"its text cannot be made: {type(other).__name__}"
+    return f"{type(e).__name__}: {text}"[:LONGEST_TEXT]
 
 
 # As a job ------------------------------------------------------------------------------------------------------------
-_here = threading.local()  # a processor is for one thread at a time
+def begin(data: bytes) -> None:
+    """Take plan and motions, in a process of the pool."""
+    global _runner
+    plan, motions = pickle.loads(data)
+    for name, value in plan.limits.items():
+        setattr(limits, name, value)
+    if plan.measure_keys and plan.measure_keys != measure_keys(plan.measures):
+        raise BadValue("measures: a file of yours has changed since the sweep began; start it again")
+    _runner = Runner(plan, motions)
 
 
-def run_part(plan: Plan, motions: Motions, data: bytes) -> tuple[bytes, float]:
-    """Rows as bytes of Arrow to their figures as bytes of Arrow, and the seconds that took."""
+_runner: Runner
+
+
+def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[bytes, float]:
+    """Return the figures of rows, both as bytes of Arrow, and the seconds that took.
+
+    Plan and motions are those of `begin`; more motions may come with a job.
+    """
     began = time.perf_counter()
-    runner = _here.__dict__.get("runner")
-    if runner is None or (runner.plan.key, runner.plan.seconds) != (plan.key, plan.seconds):
-        if (here := versions()) != plan.versions:
-            raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
-        runner = _here.runner = Runner(plan, motions)
-    runner.motions.update(motions)
-    results = runner.run(from_bytes(data).to_pylist())
-    return as_bytes(figures_table(plan, *results)), time.perf_counter() - began
+    if motions:
+        _runner.motions.update(pickle.loads(motions))
+    table = _runner.run(from_bytes(data).to_pylist(), look, seconds)
+    return as_bytes(table), time.perf_counter() - began
 
 
 def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
@@ -166,25 +241,12 @@ def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     return ", ".join(f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v)
 
 
-def begin(data: bytes) -> None:
-    """Take plan and motions, in a process of the pool."""
-    global _plan
-    _plan = pickle.loads(data)
-
-
-_plan: tuple[Plan, Motions]
-
-
-def run_kept(data: bytes) -> tuple[bytes, float]:
-    """`run_part` of what `begin` took."""
-    return run_part(*_plan, data)
-
-
-def figures_table(plan: Plan, results: list[list[float] | None], faults: list[str | None], errors: list[str | None]) -> Any:
+def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
     """Results of some rows as columns."""
     pa = arrow()
-    columns = {name: pa.array([None if r is None else r[k] for r in results], pa.float64()) for k, name in enumerate(plan.units)}
-    return pa.table(columns | {"fault": pa.array(faults, pa.string()), "error": pa.array(errors, pa.string())})
+    kinds = dict.fromkeys(plan.units, pa.float64())
+    kinds |= {"fault": pa.string(), "error": pa.string(), "content": pa.binary(KEY)}
+    return pa.table({name: pa.array([row.get(name) for row in rows], kind) for name, kind in kinds.items()})
 
 
 def as_bytes(table: Any) -> bytes:

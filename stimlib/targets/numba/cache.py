@@ -39,12 +39,17 @@ from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 
 from ...core import maths, regular
+from ...core.progress import announce
 from ...core.steps import source
 from ...errors import SinkError
 from . import kernels, lanes, native
 
 logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
+WAIT = 60.0  # s, for another process to compile an entry: it may be stopped
+LONG = "runtime_", "pump_"
+"""What takes seconds to compile, and is missing in an empty cache; a block class takes half a second."""
+
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
 _lock = threading.RLock()
 _loaded: dict[str, types.ModuleType] = {}  # complete ones only
@@ -136,13 +141,19 @@ def load(text: str, stem: str) -> types.ModuleType:
         return _loaded[name]
 
 
-def _load(place: Path, text: str) -> types.ModuleType:
+def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
     if _sound(place, text):
         with suppress(Exception), _no_compiler():  # numba lets whatever unpickling raises through
             module = _execute(place, text)
             logger.debug("cache hit: %s in %s", place.name, place.parent)
             return module
+    if not alone:
+        with _turn(place, text):
+            return _load(place, text, alone=True)
     began = time.perf_counter()
+    if place.name.startswith(LONG):
+        for tell in announce:
+            tell("compiling for this machine, once: about half a minute")
     _remove(place)
     part = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
     try:
@@ -153,6 +164,23 @@ def _load(place: Path, text: str) -> types.ModuleType:
         shutil.rmtree(part, ignore_errors=True)
     logger.info("cache miss: %s compiled in %.2f s, into %s", place.name, time.perf_counter() - began, place.parent)
     return module
+
+
+@contextmanager
+def _turn(place: Path, text: str) -> Iterator[None]:
+    """Wait for another process that compiles an entry, then keep others from it.
+
+    Where the file system has no locks, or the other process takes longer than WAIT, both
+    compile, and one result is kept.
+    """
+    at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
+    with open(regular.opened(at, os.O_RDWR | os.O_CREAT), "rb") as lock:
+        while not (regular.held(lock.fileno()) or _sound(place, text) or time.monotonic() > until):
+            time.sleep(0.02)
+        try:
+            yield
+        finally:
+            at.unlink(missing_ok=True)
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:

@@ -76,14 +76,14 @@ class Engine:
             A.extend(words)
 
         def arg(i: int, clock: int) -> int:
-            """Slot of an argument; a parameter is first gathered onto a child clock."""
+            """Slot of an argument; a parameter or an input is first gathered onto a child clock."""
             q = instances[i]
             if q.kind == "pick":
                 return slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
-            if q.clock != PARAMS or q.kind == "const" or clock <= ROOT:
+            if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
                 return place(i)
             if (i, clock) not in slot:
-                row(machine.GATHER, i, [place(i), place((i, clock))], clock=clock, stands=True)
+                row(machine.GATHER, i, [place(i), place((i, clock))], clock=clock, stands=q.clock == PARAMS)
             return slot[i, clock]
 
         def parameters(words: np.ndarray, payload: list[np.ndarray]) -> int:

@@ -1,0 +1,427 @@
+"""What the code and data behind a user's function are, as a hash of what is in memory."""
+
+from __future__ import annotations
+
+import builtins
+import dis
+import functools
+import hashlib
+import importlib
+import importlib.util
+import sys
+import sysconfig
+import types
+from collections.abc import Iterator
+from contextlib import suppress
+from copyreg import dispatch_table
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.graph import Block, Pick, reach
+from ..core.scene import Scene
+from ..errors import BadValue
+from ..motion.generators import Motion as Generated
+from ..motion.recorded import Recording
+from .measures import Measure
+
+INSTALLED = [Path(sysconfig.get_path("stdlib")).resolve(), Path(__file__).resolve().parents[1]]
+"""Folders of modules that are identified by their name and version."""
+ATOMS = (type(None), bool, int, float, complex, str, bytes, range, type(Ellipsis), type(NotImplemented))
+DESCRIPTORS = (
+    types.MethodDescriptorType,
+    types.WrapperDescriptorType,
+    types.ClassMethodDescriptorType,
+    types.GetSetDescriptorType,
+    types.MemberDescriptorType,
+)
+NOT_RUN = {
+    "__dict__",
+    "__weakref__",
+    "__doc__",
+    "__module__",
+    "__annotations__",
+    "__qualname__",
+    "_abc_impl",
+    "__slotnames__",  # which copying and pickling add
+}
+"""Attributes of a class that nothing is computed from."""
+BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules"}
+"""What finds code by a name that is computed."""
+
+
+def identity(what: Any, called: str) -> str:
+    """Return a hash that changes whenever what a function computes changes.
+
+    It follows the bytecode as Python loaded it, and everything that the code reaches: global
+    variables, imported modules, defaults, closures, attributes, classes with their bases and
+    methods.  A function or class of an installed package counts with its name and version.
+
+    Parameters
+    ----------
+    what : object
+        A measure, function, class, or data.
+    called : str
+        What an error calls it.
+
+    Returns
+    -------
+    str
+        Hexadecimal, 32 digits.
+
+    Raises
+    ------
+    BadValue
+        The code reaches something whose content cannot be seen, such as an open file.
+
+    Examples
+    --------
+    >>> from stimlib.sweep.identity import identity
+    >>> identity(lambda t: 2.0 * t, "motion") == identity(lambda t: 3.0 * t, "motion")
+    False
+    """
+    try:
+        return _Walk().of(what, called)
+    except RecursionError:
+        raise _hidden(called, what) from None
+
+
+def own_classes(scene: Scene) -> list[type[Block]]:
+    """Return the classes of a scene's blocks that are not stimlib's, in the order of first use."""
+    kinds = dict.fromkeys(type(b) for b in reach(scene.outputs.values()))
+    return [k for k in kinds if _is_own(k.__module__)]
+
+
+def _hidden(path: str, what: Any) -> BadValue:
+    kind = f"{type(what).__module__}.{type(what).__qualname__}".removeprefix("builtins.")
+    return BadValue(
+        f"{path} is a {kind}, whose content cannot be seen, so a change of it could not be noticed; make it "
+        'a column of the rows, a dataclass or an array, or state @measure(.., version="1") and a new version with each change'
+    )
+
+
+class _Walk:
+    """One pass over a function and what it reaches; what was met before is not walked again."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Any, str]] = {}  # the object is kept, so that its id stays its own
+        self._open: list[int] = []
+
+    def of(self, what: Any, path: str) -> str:
+        """Return the hash of an object; path is how an error names it."""
+        if type(what) in ATOMS:
+            return _hash(type(what).__name__, repr(what))
+        if isinstance(what, np.generic) and type(what).__module__ == "numpy":
+            return _hash(repr(what.dtype), repr(what))
+        if id(what) in self._known:
+            return self._known[id(what)][1]
+        if id(what) in self._open:  # a cycle
+            return _hash("up", str(len(self._open) - self._open.index(id(what))))
+        self._open.append(id(what))
+        try:
+            found = _hash(type(what).__name__, *self._parts(what, path))
+        finally:
+            self._open.pop()
+        self._known[id(what)] = what, found
+        return found
+
+    def _all(self, values: Any, path: str) -> list[str]:
+        return [self.of(v, path) for v in values]
+
+    def _items(self, values: Any, path: str) -> list[str]:
+        """Return names and hashes of a mapping's values."""
+        parts = []
+        for name, value in values.items():
+            parts += [self.of(name, path), self.of(value, f"{path}.{name:.40}" if isinstance(name, str) else path)]
+        return parts
+
+    def _parts(self, what: Any, path: str) -> list[str]:
+        kind = type(what)
+        if kind is Measure and what.version is not None:
+            return [what.name, repr(dict(what.units)), what.version]
+        if isinstance(what, Scene):
+            own = [kind] if _is_own(kind.__module__) else []
+            return [what.hash, *self._all([*own, *own_classes(what)], path)]
+        if isinstance(what, Block):
+            return [self.of(Scene({"y": Pick(what, what.outputs[0]) if what.outputs else what}), path)]
+        if isinstance(what, Generated | Recording) and not _is_own(kind.__module__):
+            return [repr(what)]  # which makes it again; a recording states the sha256 of its file
+        if kind is np.ndarray and not what.dtype.hasobject:
+            data = hashlib.sha256(np.ascontiguousarray(what).tobytes()).hexdigest()
+            return [repr(what.dtype), str(what.shape), data]
+        if kind in (list, tuple):
+            return self._all(what, path)
+        if kind in (set, frozenset):
+            return sorted(self._all(what, path))
+        if kind in (dict, types.MappingProxyType):
+            return self._items(what, path)
+        if kind is types.CodeType:
+            return self._code(what, path)
+        if kind is types.FunctionType:
+            return self._function(what, path)
+        if kind is types.MethodType:
+            return self._all([what.__self__, what.__func__], path)
+        if kind in (staticmethod, classmethod):
+            return [self.of(what.__func__, path)]
+        if kind is property:
+            return self._all([what.fget, what.fset, what.fdel], path)
+        if kind is functools.cached_property:
+            return [self.of(what.func, path)]
+        if kind is types.ModuleType:
+            return self._module(what, path)
+        if kind in DESCRIPTORS:
+            return [what.__name__]
+        if isinstance(what, type):
+            return self._class(what, path)
+        if kind in (types.BuiltinFunctionType, types.MethodWrapperType, np.ufunc):
+            return self._compiled(what, path)
+        return self._instance(what, path)
+
+    # Code ------------------------------------------------------------------------------------
+    def _code(self, code: types.CodeType, path: str) -> list[str]:
+        constants = [c for c in code.co_consts]
+        arguments = code.co_argcount + code.co_kwonlyargcount
+        names = code.co_varnames if "locals" in code.co_names else code.co_varnames[:arguments]
+        numbers = [code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags]
+        text = [code.co_code, code.co_exceptiontable, code.co_names, names, numbers]
+        return [repr(text), *self._all(constants, path)]
+
+    def _function(self, f: types.FunctionType, path: str) -> list[str]:
+        if _is_named(f):
+            if f.__name__ in BY_NAME:
+                raise _by_name(path, f.__name__)
+            return [_name(f)]
+        code = f.__code__
+        if f.__doc__ is not None and code.co_consts[:1] == (f.__doc__,):
+            code = code.replace(co_consts=(None, *code.co_consts[1:]))  # the docstring is not run
+        parts = [*self._code(code, path), self.of(f.__defaults__, path), self.of(f.__kwdefaults__, path)]
+        parts.append(self.of(f.__dict__, path))
+        for name, cell in zip(code.co_freevars, f.__closure__ or (), strict=True):
+            try:
+                value = cell.cell_contents
+            except ValueError:  # not filled yet
+                value = None
+            parts += self._named(name, value, f.__code__, f"{path}: {name}")
+        for name in sorted(_loaded(f.__code__)):
+            if name in f.__globals__:
+                parts += self._named(name, f.__globals__[name], f.__code__, f"{path}: {name}")
+            elif name in BY_NAME:
+                raise _by_name(path, name)
+            elif hasattr(builtins, name):
+                parts += [name, self.of(getattr(builtins, name), path)]
+        for name, module, wanted in _imports(f):
+            parts += [name, *(self._attributes(module, wanted, path) if wanted else [self.of(module, path)])]
+        return parts
+
+    def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:
+        """Return the parts of what a function's code calls by a name."""
+        if isinstance(value, types.ModuleType):
+            if _is_own(value.__name__) and name in _bare(code):
+                return [name, self.of(value, path)]
+            return [name, *self._attributes(value, _words(code), path)]
+        holder = sys.modules.get(type(value).__module__)
+        if holder is not None and not _is_own(holder.__name__) and getattr(holder, name, None) is value:
+            return [name, _version(holder.__name__)]  # an object that a package made, such as scipy.stats.norm
+        return [name, self.of(value, path)]
+
+    # Modules and classes ---------------------------------------------------------------------
+    def _attributes(self, module: types.ModuleType, names: set[str], path: str) -> list[str]:
+        """Return the parts of those attributes of a module that code names."""
+        own = _is_own(module.__name__)
+        if wrong := BY_NAME & names & vars(module).keys():
+            raise BadValue(
+                f"{path}.{min(wrong)} finds code by a name, so what is computed cannot be seen; import it at the top, "
+                'or state @measure(.., version="1")'
+            )
+        names = names | {"__getattr__"}
+        parts = [module.__name__, "" if own else _version(module.__name__)]
+        for name in sorted(names & vars(module).keys()):
+            value = vars(module)[name]
+            if isinstance(value, types.ModuleType):
+                key = id(value), frozenset(names)
+                if hash(key) in self._open:
+                    continue
+                self._open.append(hash(key))
+                parts += [name, *self._attributes(value, names, f"{path}.{name}")]
+                self._open.pop()
+            elif own or type(value) in ATOMS or _is_own(getattr(value, "__module__", None) or "builtins"):
+                parts += [name, self.of(value, f"{path}.{name}")]
+            else:
+                parts += [name, getattr(value, "__name__", "")]
+        return parts
+
+    def _module(self, module: types.ModuleType, path: str) -> list[str]:
+        if not _is_own(module.__name__):
+            return [module.__name__, _version(module.__name__)]
+        if (file := getattr(module, "__file__", None)) and not file.endswith(".py"):  # a compiled extension
+            return [hashlib.sha256(Path(file).read_bytes()).hexdigest()]
+        return self._items({n: v for n, v in sorted(vars(module).items()) if not (n.startswith("__") and n.endswith("__"))}, path)
+
+    def _class(self, kind: type, path: str) -> list[str]:
+        if _is_named(kind):
+            return [_name(kind)]
+        skipped = NOT_RUN | {"source"} if issubclass(kind, Block) else NOT_RUN  # the text of its whole file
+        held = {n: v for n, v in sorted(vars(kind).items()) if n not in skipped}
+        return [kind.__qualname__, *self._all([type(kind), *kind.__bases__], path), *self._items(held, path)]
+
+    def _compiled(self, f: Any, path: str) -> list[str]:
+        """Return the parts of a function that is not Python's: its name, and what it is bound to."""
+        bound = getattr(f, "__self__", None)
+        name = f.__name__
+        if bound is builtins and name in BY_NAME:
+            raise _by_name(path, name)
+        if isinstance(f, np.ufunc) or getattr(np.random, name, None) is f:
+            places: list[Any] = [np, np.random, sys.modules.get("scipy.special")]
+            if not any(getattr(m, name, None) is f for m in places):
+                raise _hidden(path, f)
+        elif bound is not None and not isinstance(bound, types.ModuleType):
+            return [f.__name__, self.of(bound, path)]
+        elif isinstance(bound, types.ModuleType) and _is_own(bound.__name__):
+            return [f.__name__, *self._module(bound, path)]
+        return [f"{getattr(f, '__module__', '')}.{f.__name__}"]
+
+    # Objects ---------------------------------------------------------------------------------
+    def _instance(self, what: Any, path: str) -> list[str]:
+        """Return the parts of an object: class and content; of what wraps a function, that too."""
+        kind = type(what)
+        if isinstance(getattr(what, "__qualname__", None), str) and _is_named(what):  # compiled by Cython, say
+            return [_name(what)]
+        parts = [self.of(kind, path)]
+        if isinstance(what, set | frozenset):
+            parts += sorted(self._all(list(what), path))
+        if _is_own(kind.__module__):
+            parts += self._items(_content(what), path)
+            base = next(k for k in kind.__mro__ if not _is_own(k.__module__))
+            if base in (object, set, frozenset):
+                return parts
+        elif hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] in ("functools", "numba"):  # cached, compiled
+            return [*parts, repr(getattr(what, "targetoptions", "")), self.of(what.__wrapped__, path)]
+        else:
+            base = kind
+        try:
+            reduce: Any = dispatch_table.get(kind)
+            state = reduce(what) if reduce else base.__reduce_ex__(what, 4)  # type: ignore[call-arg]
+        except Exception:
+            raise _hidden(path, what) from None
+        if isinstance(state, str):
+            holder: Any = sys.modules.get(getattr(what, "__module__", ""))
+            if getattr(holder, state, None) is not what:
+                raise _hidden(path, what)
+            return [*parts, state, *(self._module(holder, path) if _is_own(holder.__name__) else ())]
+        return parts + self._all([list(v) if isinstance(v, Iterator) else v for v in state], path)
+
+
+def _by_name(path: str, name: str) -> BadValue:
+    return BadValue(
+        f"{path}: uses {name}, so what it computes from cannot be seen; name the function or number itself, "
+        'or state @measure(.., version="1")'
+    )
+
+
+def _hash(*parts: str) -> str:
+    return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()[:32]
+
+
+def _content(what: Any) -> dict[str, Any]:
+    """Return the attributes of an object, of slots too."""
+    held = {}
+    for kind in type(what).__mro__:
+        for name, member in vars(kind).items():
+            if isinstance(member, types.MemberDescriptorType) and hasattr(what, name):
+                held[name] = getattr(what, name)
+    return held | dict(sorted(getattr(what, "__dict__", {}).items()))
+
+
+# What code names -------------------------------------------------------------------------------
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    yield code
+    for c in code.co_consts:
+        if isinstance(c, types.CodeType):
+            yield from _codes(c)
+
+
+def _loaded(code: types.CodeType) -> set[str]:
+    """Return the names of the global variables that code reads."""
+    return {i.argval for c in _codes(code) for i in dis.get_instructions(c) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+
+
+def _words(code: types.CodeType) -> set[str]:
+    """Return the names of all attributes that code may ask for, as text too."""
+    return {w for c in _codes(code) for w in (*c.co_names, *c.co_consts) if isinstance(w, str)}
+
+
+def _bare(code: types.CodeType) -> set[str]:
+    """Return the names whose value is used otherwise than by one of its attributes."""
+    found = set()
+    for c in _codes(code):
+        steps = list(dis.get_instructions(c))
+        for i, after in zip(steps, steps[1:], strict=False):
+            if i.opname in ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLOSURE", "LOAD_CLASSDEREF"):
+                if after.opname not in ("LOAD_ATTR", "LOAD_METHOD"):
+                    found.add(i.argval)
+    return found
+
+
+def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set[str]]]:
+    """Yield the modules that a function imports when it runs, and the names that it takes from each."""
+    package = f.__globals__.get("__package__") or ""
+    for code in _codes(f.__code__):
+        steps = [i for i in dis.get_instructions(code) if i.opname != "EXTENDED_ARG"]
+        for at, i in enumerate(steps):
+            if i.opname != "IMPORT_NAME":
+                continue
+            level = steps[at - 2].argval
+            name = importlib.util.resolve_name("." * level + i.argval, package) if level else i.argval
+            try:
+                module = importlib.import_module(name)
+            except ImportError:  # it may be meant: the function says what then
+                continue
+            wanted = set(steps[at - 1].argval or ())  # none where the module itself is imported
+            for below in wanted - vars(module).keys():
+                with suppress(ImportError):
+                    importlib.import_module(f"{name}.{below}")
+            for below in sorted(wanted & vars(module).keys()):
+                if isinstance(vars(module)[below], types.ModuleType):
+                    yield f"{name}.{below}", vars(module)[below], set()
+            yield name, module, wanted
+            top, _, below = name.partition(".")
+            if below and not wanted:
+                yield top, sys.modules[top], set()
+
+
+# Of others -------------------------------------------------------------------------------------
+@functools.cache
+def _installed(file: str) -> bool:
+    path = Path(file)
+    if {"site-packages", "dist-packages"} & {*path.parts}:
+        return True
+    return any(path.resolve().is_relative_to(folder) for folder in INSTALLED)
+
+
+def _is_own(name: str) -> bool:
+    """Whether a module is the user's: a file outside of installed packages, a script, or a notebook."""
+    if name in sys.builtin_module_names or name in sys.stdlib_module_names:
+        return False
+    module = sys.modules.get(name)
+    held = getattr(module, "__dict__", {})
+    files = [held.get("__file__") or "", *(held.get("__path__") or ())]
+    return not any(_installed(file) for file in files if file)
+
+
+def _is_named(what: Any) -> bool:
+    """Whether an installed package has exactly this function or class under its name."""
+    if _is_own(what.__module__ or ""):
+        return False
+    found: Any = sys.modules.get(what.__module__)
+    for part in what.__qualname__.split("."):
+        found = getattr(found, part, None)
+    return found is what
+
+
+def _name(what: Any) -> str:
+    return f"{what.__module__}.{what.__qualname__} {_version(what.__module__)}"
+
+
+def _version(name: str) -> str:
+    return str(getattr(sys.modules.get(name.partition(".")[0]), "__version__", ""))
