@@ -9,6 +9,7 @@ import hashlib
 import importlib
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,16 +19,19 @@ from stimlib import blocks as b
 from stimlib.blocks.actuator import StaticLimit
 from stimlib.blocks.bump import LinearBump, SineBump
 from stimlib.blocks.carrier import Carrier
-from stimlib.blocks.creep import Integral, KelvinChain, compliance_kelvin_voigt
+from stimlib.blocks.creep import KelvinChain, compliance_kelvin_voigt
 from stimlib.blocks.delay import Delay
+from stimlib.blocks.filters import CascadeState
 from stimlib.blocks.fir import Differentiator, Taps
 from stimlib.blocks.fractional import Springpot, SpringpotLive
 from stimlib.blocks.gate import Gate, GateState
-from stimlib.blocks.impedance import FirstOrder, Velocity
+from stimlib.blocks.impedance import FirstOrder, Velocity, VelocityState, pole_gain
 from stimlib.blocks.modes import Modes, Pinking, PinkNoise
 from stimlib.blocks.noise import ONE, White, WhiteState, deviates, noise_key, pair_of_words, radius, turn
 from stimlib.blocks.relaxation import MaxwellArms, maxwell
+from stimlib.blocks.running import Integrate
 from stimlib.blocks.series import Series
+from stimlib.blocks.svf import Resonator, section
 from stimlib.blocks.table import Lut
 from stimlib.blocks.thesis import ShortMemory
 from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
@@ -175,6 +179,7 @@ def failed(scene=None, motion=MOTION, seed=SEED, seconds=2.0, **words):
 
 # Numbers of a block's design, and a scene that has it -------------------------------------------------------------------
 X, WAVE = Input("x", "m"), {"x": sinusoid(0.01, 3.0)}
+N = constant(1.0, "N/m")
 PROFILE = [0.0, 0.03, 0.05, 0.07, 0.1], [1.0, 1.6, 1.84, 1.6, 1.0]
 
 
@@ -193,9 +198,9 @@ DESIGNS = {
     "tracked rate 1 % off": (TrackVelocity, times("fs", 1.01), scene_of(track_velocity(X)), WAVE),
     "Maxwell arm 1e-6 off": (MaxwellArms, times("r", 1 + 1e-6), scene_of(maxwell(X, 200.0, 4.0)), WAVE),
     "Kelvin-Voigt element 1e-6 off": (
-        KelvinChain, times("r", 1 + 1e-6), scene_of(compliance_kelvin_voigt(constant(1.0, "N/m") * X, 200.0, 4.0)), WAVE,
+        KelvinChain, times("r", 1 + 1e-6), scene_of(compliance_kelvin_voigt(N * X, 200.0, 4.0)), WAVE,
     ),
-    "sum of samples 1e-9 off": (Integral, times("h", 1 + 1e-9), scene_of(b.compliance(constant(1.0, "N/m") * X, 2.0, 1.0)), WAVE),
+    "sum of samples 1e-9 off": (Integrate, times("now", 1 + 1e-9), scene_of(b.compliance(N * X, 2.0, 1.0)), WAVE),
     "a FIR tap 1e-9 off": (Taps, lambda p: p._replace(taps=p.taps + 1e-9), scene_of(b.fir(X, [0.5, 0.5])), WAVE),
     "pinking 0.02 dB off": (Pinking, lambda p: p._replace(r=p.r * 1.0023, d=p.d * 1.0023), scene_of(b.pinking(X, 10.0)), WAVE),
     "springpot 1e-3 off": (Springpot, times("scale", 1.001), viscoelastic(0.5), {"y": WAVE["x"]}),
@@ -231,6 +236,68 @@ def design_fault(owner, change, scene, motion):
         )
         with mutated(owner, "design", replacement):
             return failed(scene, motion, seconds=3.0)
+
+    return run
+
+
+# Formulas that blocks had, and that were not what their docstring says
+def warped(self, fs):
+    """A resonance whose width shrinks towards fs/2: g/q in place of (1 + g^2) tan(pi freq/(q fs))."""
+    g = np.tan(np.pi * self.freq / fs)
+    return section(g, g / self.q, "notch" if self.notched else "bandpass"), CascadeState(*np.zeros((4, 1)))
+
+
+HONEST_KERNEL = Springpot.design
+
+
+def half_a_sample_early(self, fs):
+    """Creep with the weights of a force that is held between samples."""
+    return HONEST_KERNEL(dc.replace(self, scheme="l1"), fs)
+
+
+class LateParams(NamedTuple):
+    g: float
+    fs: float
+
+
+def late_design(self, fs):
+    return LateParams(pole_gain(100.0, fs), fs), VelocityState(0.0, 0.0, 0.0, 1.0)
+
+
+LATE = {
+    "design": late_design,
+    "tile": None,
+    "work": None,
+    "step": staticmethod(Velocity.step),
+    "transfer": staticmethod(Velocity.transfer),
+}
+
+
+def hundred_samples(self, fs):
+    """The last 100 samples, whatever the rate is."""
+    return HONEST_SHORT(dc.replace(self, seconds=100 / fs), fs)
+
+
+HONEST_SHORT = ShortMemory.design
+OLD = {
+    "short memory in samples": (
+        ShortMemory, {"design": hundred_samples}, b.springpot(X, 3.0, 0.4, "gl-short-memory"),
+    ),
+    "creep half a sample early": (
+        Springpot, {"design": half_a_sample_early}, b.compliance(N * X, 2.0, 0.5, "l1"),
+    ),
+    "a resonator that warps": (Resonator, {"design": warped}, b.resonator(X, 700.0, 20.0)),
+    "a notch that warps": (Resonator, {"design": warped}, b.notch(X, 700.0, 5.0)),
+    "a damper that lags": (Springpot, LATE, b.kelvin_voigt(X, 300.0, 2.0)),
+}  # fmt: skip
+
+
+def old_fault(owner, replaced, block):
+    def run(folder):
+        with contextlib.ExitStack() as stack:
+            for attribute, replacement in replaced.items():
+                stack.enter_context(mutated(owner, attribute, replacement))
+            return failed(scene_of(block), WAVE, seconds=0.5)
 
     return run
 
@@ -395,6 +462,7 @@ def step_fault(owner, attribute, replacement, groups):
 FAULTS = (
     {name: step_fault(*fault) for name, fault in MUTATIONS.items()}
     | {name: design_fault(*fault) for name, fault in DESIGNS.items()}
+    | {f"old formula: {name}": old_fault(*fault) for name, fault in OLD.items()}
     | {f"samples: {name}": sample_fault(change) for name, change in SAMPLES.items()}
     | {f"played otherwise: {name}": otherwise_fault(words) for name, words in OTHERWISE.items()}
     | {f"sidecar: {name}": edit_fault(edit) for name, edit in EDITS.items()}

@@ -71,22 +71,36 @@ def play(
         bool, typer.Option("--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes.")
     ] = False,
     seconds: Annotated[float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")] = None,
-    fs: opt.DeviceRate = 8000.0,
+    fs: Annotated[
+        float | None,
+        typer.Option(help="Sample rate in Hz, which must be the device's; 8000 by default, of a sound file its own."),
+    ] = None,
     set_: opt.SessionParams = [],
     seed: opt.Seed = 0,
     log: opt.Log = None,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
 ):
-    """Play a scene on a device, with the safety stage around it.  Ctrl-C fades out.
+    """Play a scene, or a sound file, on a device, with the safety stage around it.  Ctrl-C fades out.
 
     Exit status 1 when an output failed or the device went away while it played.
 
     [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)" --full-scale 50 --log monday.stimlog[/]
+    [bold]stimlib play vib.wav --full-scale 1[/]
     """
     run_files(import_)
-    made = scene_of(scene)
-    motion, recorded = motions(made, contact=touching(scene))
+    recorded: float | None = None
+    if scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac")):
+        from ..files.audio import as_scene
+
+        if any(given for name, given in motions.keywords.items() if name in ("motion", "map_", "where")):
+            raise BadValue(f"{scene} is a sound file and has no inputs: leave out --motion, --map and --where")
+        made, motion, rate = as_scene(scene)
+        if fs not in (None, rate):
+            raise BadValue(f"--fs {fs:g}: {scene} was recorded at {rate:g} Hz and is played at that: leave out --fs")
+    else:
+        made, rate = scene_of(scene), 8000.0
+        motion, recorded = motions(made, contact=touching(scene))
     options: dict[str, Any] = {"motion": motion, "seed": seed, "params": params_of(set_), "log": log}
     if fast and sink == "jack":
         raise BadValue("--fast: a JACK server has its own pace")
@@ -110,7 +124,7 @@ def play(
 
         playing = NullSink(made, safety(), clocked=not fast, **options)
     try:
-        _play(playing, fs, channels, block, seconds if seconds is not None else recorded, not quiet)
+        _play(playing, rate if fs is None else fs, channels, block, seconds if seconds is not None else recorded, not quiet)
     except (SinkError, FaultError) as e:
         if not playing._started:
             raise

@@ -26,11 +26,13 @@ F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)  # frames of a block a
 OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
 CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
 RATE, CALLS = range(80, 82)  # PortAudio: frames per second (bits of a float); blocks that any device has asked for
+# frames outside of the samples: how many are left and were made, before and after; their level; frames of the last block
+LEAD, TAIL, ROSE, FELL, LEVELS, MADE = range(82, 88)
 WORDS = 96
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
-SET, LOSS, GONE, BACK, ENDING, GAP = 0, 1, 2, 3, 4, 5  # events: at, kind, three numbers
+SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL = range(8)  # events: at, kind, three numbers
 STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
 COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program
@@ -138,10 +140,12 @@ def commands(c, i):
         q = at(i8_at(c[C_RING]), RECORD * (r % (COMMANDS + SPARE)))
         if q[0] == SET:
             set_param(c, i, q[1], q[2], q[3])
-        elif q[0] == STOP and max(i, q[2]) < c[FADE_AT]:
-            c[FADE_AT] = max(i, q[2])
-            c[END] = c[FADE_AT] + c[FADE]
-            event(c, c[FADE_AT], ENDING, q[1], 0, 0)
+        elif q[0] == STOP:
+            first = max(i, q[2], 1 if c[ROSE] > 0 and c[LEAD] == 0 else 0)  # what has risen to sample 0 goes on from it
+            if first < min(c[FADE_AT], c[END]):
+                c[FADE_AT] = first
+                c[END] = min(c[END], first + c[FADE])
+                event(c, c[FADE_AT], ENDING, q[1], 0, 0)
         r += 1
     store(c, C_READ, r)
 
@@ -241,7 +245,6 @@ def deliver(c, start, m, log):
                 v = y[source * m + k] / scales[source]
                 v = v if v - v == 0.0 else 0.0
                 out[(start + k) * stride] = f4(min(max(v, -1.0), 1.0))
-    c[STAGED] += m
     if log:
         w = c[F_STAGED]
         for k in range(m):
@@ -276,21 +279,66 @@ def lose(c, i, n):
         event(c, i - n, LOSS, n, 0, 0)
 
 
+@plain
+def ramp(c, k, part):
+    """Frame k of a block: a part of the levels, which are the first sample or the last."""
+    for a in range(c[N_OUT]):
+        f8_at(c[Y])[a] = part * f8_at(c[LEVELS])[a]
+    deliver(c, k, 1, False)
+
+
+@plain
+def rise(c, n):
+    """Frames before sample 0, from silence to its level, or back after a stop; returns how many of n were made."""
+    done = 0
+    if c[LEAD] > 0:
+        commands(c, 0)
+        if c[LEAD] == c[FADE] and c[FADE_AT] > 0:
+            event(c, 0, RISE, c[FADE], 0, 0)
+    while done < n and c[LEAD] > 0:
+        ramp(c, done, (c[FADE] - c[LEAD]) / c[FADE])
+        c[ROSE] += 1
+        done += 1
+        if c[FADE_AT] > 0:
+            c[LEAD] -= 1
+        elif c[LEAD] < c[FADE]:
+            c[LEAD] += 1
+        else:
+            c[LEAD] = c[TAIL] = c[END] = 0
+    return done
+
+
+@plain
+def fall(c, done, n):
+    """Frames done .. n - 1 of a block, after the last sample and down to silence; returns how many there are then."""
+    if c[END] >= c[FADE_AT] + c[FADE]:  # the gain is 0 already
+        c[TAIL] = 0
+    while done < n and c[TAIL] > 0:
+        if c[TAIL] == c[FADE]:
+            event(c, c[END], FALL, c[FADE], 0, 0)
+        c[TAIL] -= 1
+        c[FELL] += 1
+        ramp(c, done, c[TAIL] / c[FADE])
+        done += 1
+    if c[TAIL] == 0:
+        store(c, STATE, DONE)
+    return done
+
+
 @njit(error_model="numpy")
-def advance(c, n, keep):
-    """Run up to n samples, delivered or (keep = 0) discarded; returns how many there were before the end."""
+def advance(c, done, n, keep):
+    """Run up to n - done samples, delivered from frame ``done`` on or (keep = 0) discarded; returns the frame after them."""
     program = i8_at(c[CONTEXT])
-    done = gone = 0  # gone: discarded since the last event
+    gone = 0  # discarded since the last event
     while done < n:
         i = program[15]
         commands(c, i)
+        if i >= c[END]:
+            break
         if c[FADING] == 0 and i >= c[FADE_AT]:
             c[FADING] = 1
             if c[STALE] == 0:
                 set_gain(c, i, 0.0)
-        if i >= c[END]:
-            store(c, STATE, DONE)
-            break
         m = min(n - done, CHUNK, c[END] - i)
         if c[FADING] == 0:
             m = min(m, c[FADE_AT] - i)
@@ -307,8 +355,11 @@ def advance(c, n, keep):
         held = fill(c, i, m, done if keep else -1)
         judge(c, i, m, held)
         run(c[ENTRY], program, f8_at(c[X]), f8_at(c[Y]), m)
+        for a in range(c[N_OUT]):
+            f8_at(c[LEVELS])[a] = f8_at(c[Y])[a * m + m - 1]
         if keep:
             deliver(c, done, m, log)
+            c[STAGED] += m
         if log and c[N_IN] > 0:
             w, x = c[X_WRITE], f8_at(c[X])
             for k in range(m):
@@ -327,15 +378,19 @@ def produce(c, n, lost):
     """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped.  Then commit or withdraw."""
     store(c, CALLS, c[CALLS] + 1)
     start = now(c)
-    done = 0
+    done, program = 0, i8_at(c[CONTEXT])
     if load(c, STATE) == RUNNING:
-        if lost > 0 and c[WAS] == RUNNING:
-            gone = advance(c, lost, 0)
+        if lost > 0 and c[WAS] == RUNNING and program[15] > 0:  # before sample 0 there is nothing to lose
+            gone = advance(c, 0, lost, 0)
             c[LOST] += gone
             c[UNDERRUNS] += gone > 0
         c[WAS] = RUNNING
-        if load(c, STATE) == RUNNING:
-            done = advance(c, n, 1)
+        done = rise(c, n)
+        if c[LEAD] == 0:
+            done = advance(c, done, n, 1)
+        if program[15] >= c[END]:
+            done = fall(c, done, n)
+    c[MADE] = done
     outs = i8_at(c[OUTS])
     for j in range(c[CHANNELS]):
         out = f4_at(outs[j])
@@ -360,6 +415,13 @@ def pump(c, n, lost):
 
 
 # what devices call ---------------------------------------------------------------------------------------------------
+@plain
+def begin_at(c, t):
+    """A block begins at the device's time t: that of sample 0, until it is there."""
+    if i8_at(c[CONTEXT])[15] == 0:
+        c[ORIGIN] = t + c[LEAD]
+
+
 @njit(error_model="numpy")
 def jack_block(c, n):
     """A cycle of JACK: where its buffers are, and how many frames it has skipped since the last.
@@ -385,14 +447,14 @@ def jack_block(c, n):
         c[REPEATS] += 1
         return
     c[REPEATS] = 0
-    if c[WAS] != RUNNING:
-        c[ORIGIN] = t
+    begin_at(c, t)
     produce(c, n, lost if lost < 0x80000000 else 0)
     before = c[UNDERRUNS]
     late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
     while load(c, WAIT) == 0 and n <= late < 0x80000000:
         withdraw(c)
         t += late
+        begin_at(c, t)
         produce(c, n, late - n)
         c[UNDERRUNS] = before + 1
         late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF

@@ -222,7 +222,9 @@ def loopback(
     given = np.concatenate([np.full(len(p), told) for _, p, told in parts])
     index = times[: len(frames)] - origin
     if capture:
-        lag, gain, residual, compared = through(frames, index, expected, given, round(ROUND_TRIP * rate))
+        outside = report.rise, report.fall  # frames that the log does not have: like lost ones they are left out
+        expected, given = np.pad(expected, (outside, (0, 0))), np.pad(given, outside)
+        lag, gain, residual, compared = through(frames, index + report.rise, expected, given, round(ROUND_TRIP * rate))
         return Loopback(
             report.produced, report.delivered, report.lost, compared, None, True, lag / rate, gain, residual, tolerance
         )  # fmt: skip

@@ -48,7 +48,7 @@ class NullSink(Sink):
 
     def _close(self) -> None:
         self.pump.write("STATE", self.pump.native.CLOSED)
-        if hasattr(self, "_thread"):
+        if self._thread:
             self._thread.join()
 
     def _latency(self) -> float:

@@ -8,11 +8,12 @@ import gc
 import os
 import signal
 import threading
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from ..errors import SinkError
+from ..errors import SinkError, StimlibError
 
 # Real time -----------------------------------------------------------------------------------------------------------
 MCL_CURRENT, MCL_ONFAULT = 1, 4
@@ -36,6 +37,21 @@ def begin(thread: threading.Thread) -> threading.Thread:
     except RuntimeError as e:
         raise SinkError(f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)") from None
     return thread
+
+
+def account(e: BaseException) -> str:
+    """Return the kind, the text and the place of an error that a user's function raised.
+
+    The text may be missing: making it runs code of the user's, which may fail too.
+    """
+    try:
+        text = str(e)[:500]
+    except BaseException:
+        text = "its text cannot be made"
+    if isinstance(e, StimlibError):
+        return text
+    *_, (frame, line) = traceback.walk_tb(e.__traceback__)
+    return f"{type(e).__name__}: {text} ({frame.f_code.co_filename}:{line})"
 
 
 def fifo(priority: int = 60) -> bool:

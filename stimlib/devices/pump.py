@@ -82,7 +82,7 @@ class Pump:
             CLOCK=self._function("clock_gettime"), CLOCK_ID=time.CLOCK_MONOTONIC, TIME=place(np.zeros(2, integers)),
             SLEEP=self._function("usleep"),
             HISTOGRAM=place(np.zeros(n.BINS, integers)), PORTS=place(np.zeros(len(self.channels), integers)),
-            IN_PORTS=place(np.zeros(rows, integers)),
+            IN_PORTS=place(np.zeros(rows, integers)), TAIL=self.fade, LEVELS=place(np.zeros(outputs)),
         )  # fmt: skip
         self.histogram = self.buffers("HISTOGRAM")
         if log:
@@ -157,13 +157,18 @@ class Pump:
         """Whether the device runs without a clock."""
         return self.read("WAIT") > 0
 
-    def start(self, frames: int | None) -> None:
-        """From the next block on; the fade-out then ends with sample ``frames``."""
+    def start(self, frames: int | None, first: np.ndarray | None = None) -> None:
+        """From the next block on, for so many samples.
+
+        The device rises to the outputs of sample 0, ``first``, before it; without them, the gain rises along the samples.
+        """
         if frames is not None:
-            self.write("FADE_AT", max(frames - self.fade, 0))
             self.write("END", frames)
+        if first is not None:
+            self.buffers("LEVELS")[:] = first
+            self.write("LEAD", self.fade)
         if not self.live:  # the gain rises with the first motion
-            self.set(GAIN, 1.0, self.fade)
+            self.set(GAIN, 1.0, self.fade if first is None else 1)
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
@@ -213,6 +218,8 @@ class Pump:
                     found.append((at, "fresh", {}))
                 elif kind == n.ENDING:
                     found.append((at, "stop", {"reason": REASONS[a]}))
+                elif kind in (n.RISE, n.FALL):
+                    found.append((at, "rise" if kind == n.RISE else "fall", {"frames": a}))
                 else:
                     found.append((at, "gap", {"frames": a, "delivered": bool(b)}))
         return found

@@ -64,7 +64,7 @@ def record_sweep(
 ) -> Sweep:
     """Play a chirp through a sink, and record what a sensor answers; ``identify(*sweep)`` finds the resonance in it.
 
-    Each point is a session of its own.  The drive is what the device was given, fades and limits included, or what ``drive``
+    Each point is a session of its own.  The drive is what the device was given, limits included, or what ``drive``
     recorded: then no delay is between the two, and gains are exact.
 
     Parameters

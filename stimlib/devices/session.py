@@ -42,6 +42,9 @@ class SessionReport:
         Samples missing in the log because it was more than 4 s behind.
     skipped : int
         Columns of a live motion that came too fast.
+    rise, fall : int
+        Frames before sample 0, in which the device rose to it, and after the last sample, in which it fell to silence.
+        They are not among those produced.  Without them the fades lie on the samples: of a hand in real time, of a stop.
     """
 
     produced: int
@@ -55,6 +58,8 @@ class SessionReport:
     stale: int = 0
     unlogged: int = 0
     skipped: int = 0
+    rise: int = 0
+    fall: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data."""
@@ -68,6 +73,8 @@ class SessionReport:
         more += [f"motion stale {self.stale} times"] if self.stale else []
         more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
         more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
+        more += [f"faded in over {f'{self.rise} frames before sample 0' if self.rise else 'the first samples'}"]
+        more += [f"faded out over {self.fall} frames after the last sample"] if self.fall else []
         return "; ".join([line, *more])
 
 

@@ -24,12 +24,12 @@ from ..core.definitions import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
-from ..run.safety import Safety, Watch, protect
+from ..run.safety import GAIN, Safety, Watch, protect
 from ..version import __version__
-from .process import abandoned, begin, begin_playing, end_playing, open_sinks, signals_wait
+from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .pump import Pump
 from .session import Recorder, SessionReport
-from .sources import Feeder, Live, Recorded, Scripted, length, source_of
+from .sources import Feeder, Live, Recorded, Scripted, columns_of, length, source_of
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
@@ -37,6 +37,9 @@ CLOSE_WITHIN = 2.0
 
 LONGEST_BLOCK = 0.25
 """Seconds of a device's block: a stop comes a block late, and must be over before ``close`` returns."""
+
+WAITS = 2.0
+"""Seconds after which a function of the motion that has not returned ends the session."""
 
 
 class Sink:
@@ -66,6 +69,11 @@ class Sink:
     let go; so does the end of the program.  ``start`` takes SIGTERM and SIGHUP where nobody else has, and only in the main
     thread, as Python demands; of a program that starts its sinks elsewhere they are its own business.
 
+    A function of yours that the sink calls from its threads (a motion, ``feed``, ``take``, the methods of a log) may do what it
+    likes: when it raises, exits, gives no finite numbers of the right shape or, as a motion, does not return for 2 s, the session
+    fades out, and ``wait``, ``check`` and the end of the ``with`` block raise a ``SinkError`` that names it. In it ``stop``
+    returns at once, and ``wait`` and ``close`` are refused.
+
     Examples
     --------
     >>> import stimlib
@@ -82,9 +90,13 @@ class Sink:
 
     device = "none"
     clock = True  # whether it has a clock of its own
+    leads = True  # whether frames before sample 0 lead to it; else the gain rises along the samples
     silent_for = math.inf  # seconds without a call after which the device is taken for gone
+    gone = "the device has taken no samples for {:g} s: is it still there?"
     _device_gone = _hangs = False
     _worker: threading.Thread | None = None
+    _thread: threading.Thread | None = None  # of a device that is none
+    _feeder: Feeder | None = None
 
     def __init__(
         self,
@@ -192,12 +204,16 @@ class Sink:
         self.proc.reset()
 
     def start(self, seconds: float | None = None) -> None:
-        """Fade in from sample 0 of the scene.
+        """Play the scene from its sample 0 on.
+
+        The fades lie outside of it: the device rises from silence to the outputs of sample 0, plays the samples as
+        they are, and falls to silence from the last. ``stop`` fades at once, and so does a fault. With a hand in real
+        time the gain rises along the samples, from its first motion on: a force held meanwhile would then jump.
 
         Parameters
         ----------
         seconds : float, optional
-            Length of the session, fades included; by default that of a recorded motion, or until ``stop``.
+            Length of the scene, without the fades; by default that of a recorded motion, or until ``stop``.
 
         Raises
         ------
@@ -211,12 +227,11 @@ class Sink:
         frames = length(self.motion) if seconds is None else _samples("start: seconds", seconds, self.rate)
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
-        self._feeder = None
         if isinstance(self.motion, Scripted):
             self._feeder = Feeder(self.pump, self.motion, self._fail)
             self._feeder.fill()
         self._recorder = Recorder(self.pump, self._watch, self._make_log(), self._fail)
-        self._calls, self._silence = 0, 0.0
+        self._calls, self._silence, self._turns, self._waited = 0, 0.0, 0, 0.0
         self._over = threading.Event()
         self._started = True
         try:
@@ -228,7 +243,7 @@ class Sink:
             with self._lock:
                 if self._closed:
                     raise SinkError("start: this sink was closed meanwhile")
-                self.pump.start(frames)
+                self.pump.start(frames, self._first())
         except BaseException:
             self.close()
             raise
@@ -238,6 +253,21 @@ class Sink:
                 RuntimeWarning,
                 stacklevel=2,
             )
+
+    def _first(self) -> np.ndarray | None:
+        """Outputs at sample 0, which the fade before it leads to; None where the hand of that moment is not known."""
+        if self.pump.live or not self.leads:
+            return None
+        x = np.zeros((0, 1))
+        if isinstance(self.motion, Recorded):
+            x = self.motion.x[:, :1].copy()
+        elif self._feeder:
+            x = self._feeder.columns(0, 1)
+        state = self.proc.state
+        self.proc.set(GAIN, 1.0, ramp=0.0)
+        y = self.proc.process(x)[:, 0]
+        self.proc.state = state
+        return y
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait until the session has ended, at most so many seconds.
@@ -251,6 +281,8 @@ class Sink:
         """
         if not self._started:
             raise SinkError("wait: start the sink first")
+        if self._inside() or threading.current_thread() is self._worker:
+            raise SinkError("wait: a function that the sink calls cannot wait for its end: wait where it was started")
         end = math.inf if seconds is None else time.monotonic() + seconds
         while not self.finished and time.monotonic() < end:
             self.check()
@@ -268,7 +300,12 @@ class Sink:
         return self._started and self.pump.state >= self.pump.native.DONE
 
     def stop(self, reason: str = "stop") -> None:
-        """Fade out and wait until the last sample has left; the device stays open, and silent."""
+        """Fade out and wait until the last sample has left; the device stays open, and silent.
+
+        In a function that the sink calls, such as a motion, it returns at once.
+        """
+        if self._inside():
+            return self.pump.stop(reason, self._earliest)
         with signals_wait(), self._lock:
             if not self._started or self._stopped:
                 return
@@ -288,7 +325,15 @@ class Sink:
                 time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
 
     def close(self) -> None:
-        """Fade out, let the device go and end the log, within 2 s."""
+        """Fade out, let the device go and end the log, within 2 s.
+
+        Raises
+        ------
+        SinkError
+            It is called in a function that the sink calls, such as a motion.
+        """
+        if self._inside():
+            raise SinkError("close: a function that the sink calls cannot close it: call stop there, close where it was opened")
         began = time.monotonic()
         try:
             with signals_wait(), self._lock:
@@ -321,6 +366,10 @@ class Sink:
                         warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
             open_sinks.discard(self)
             logger.info("%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else "")
+
+    def _inside(self) -> bool:
+        """Return whether this is a thread in which the sink calls functions of the user's for its next samples."""
+        return threading.current_thread() in (self._feeder, self._thread)
 
     def __enter__(self) -> Self:
         return self
@@ -404,18 +453,7 @@ class Sink:
         self.check()
         if not isinstance(self.motion, Live) or not self._opened:
             raise SinkError("push: make the sink with motion=Live() and open it")
-        try:
-            x = np.ascontiguousarray(x, np.float64)
-        except (TypeError, ValueError) as e:
-            raise BadValue(f"push: x must be numbers ({e})") from None
-        if x.ndim != 2 or x.shape[0] != len(self.proc.inputs):
-            raise BadValue(
-                f"push: x must be of shape ({len(self.proc.inputs)}, n), rows {', '.join(self.proc.inputs)}; got {x.shape}"
-            )
-        for row, column in np.argwhere(~np.isfinite(x))[:1]:
-            value = x[row, column]
-            raise BadValue(f"push: {self.proc.inputs[row]} is {value} in column {column}: push the last known value, or nothing")
-        return self.pump.put_motion(x)
+        return self.pump.put_motion(columns_of("push: ", x, self.proc.inputs))
 
     def report(self) -> SessionReport:
         """What has happened so far."""
@@ -435,6 +473,8 @@ class Sink:
             stale=self._recorder.stales if self._started else 0,
             unlogged=p.read("UNLOGGED"),
             skipped=p.read("SKIPPED"),
+            rise=p.read("ROSE"),
+            fall=p.read("FELL"),
         )
 
     _last_latency = 0.0
@@ -444,13 +484,19 @@ class Sink:
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
 
-    def _fail(self, e: Exception, earliest: int = 0) -> None:
-        """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this."""
+    def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
+        """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this.
+
+        What a function of the user's has raised becomes a ``SinkError``; ``what`` says which one has failed.
+        """
         self._earliest = max(self._earliest, earliest)
-        if self.error is None:
-            self.error = e if isinstance(e, StimlibError) else SinkError(f"{self.device}: {type(e).__name__}: {e}")
+        if self.error is None and isinstance(e, (SinkError, FaultError)):
+            self.error = e
+        elif self.error is None:
+            error = SinkError(f"{self.device}: {what}: {account(e)}; correct it, and play again with a new sink")
+            error.__cause__ = e
+            self.error = error
         if self._started:
-            self.pump.write("WAIT", 0)  # for a motion or a log that may have ended
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
 
     def _watch_device(self, seconds: float) -> None:
@@ -460,8 +506,14 @@ class Sink:
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
         if self._silence >= self.silent_for and not (self._device_gone or self._closed):
             self._hangs = True
-            why = f"the device has taken no samples for {self.silent_for:g} s: is it still there? No fade-out was possible"
-            self._device_lost(why)
+            self._device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
+        if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
+            turns = self._feeder.turns
+            self._turns, self._waited = turns, self._waited + seconds if turns == self._turns else 0.0
+            if self._waited >= WAITS:
+                why = f"a function of the motion has not returned for {WAITS:g} s: it must not wait"
+                self._fail(SinkError(f"{self.device}: {why}"))
+                self.pump.write("WAIT", 0)
 
     # The ordinary thread -----------------------------------------------------------------------------------------
     def _make_log(self) -> Any:
@@ -503,8 +555,9 @@ class Sink:
                 seen, looked = looked, time.monotonic()
                 self._watch_device(min(looked - seen, 0.05))  # at most: a process that was stopped has heard no call either
             self._recorder.end(self.report)
-        except Exception as e:  # a full disk, a log that fails
-            self._fail(e if isinstance(e, StimlibError) else SinkError(f"the log cannot be written: {e}"))
+        except BaseException as e:  # a full disk, a log that fails
+            self._fail(e, what="the log cannot be written")
+            self.pump.write("WAIT", 0)  # for room in it
             self._recorder.writer = None
             while not self._over.wait(0.01):
                 self._recorder.drain()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,6 +163,46 @@ def length(source: Source | None) -> int | None:
     return None
 
 
+def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None) -> np.ndarray:
+    """Return the columns of a motion that a user gave, as a new array of float64.
+
+    Parameters
+    ----------
+    what : str
+        Begins each error, such as "push: ".
+    given : array_like, shape (n_inputs, n)
+        Real numbers of any type and layout.
+    names : sequence of str
+        Of the inputs, one for each row.
+    n : int, optional
+        Number of columns that there must be; by default any.
+
+    Raises
+    ------
+    BadValue
+        No real numbers, another shape, or a number that is masked or not finite.
+
+    Examples
+    --------
+    >>> columns_of("push: ", [[1, 2]], ["x"])
+    array([[1., 2.]])
+    """
+    try:
+        x = np.ma.filled(given, np.nan)
+    except (TypeError, ValueError) as e:  # rows of several lengths; integers that are masked
+        raise BadValue(f"{what}x must be numbers ({e})") from None
+    shape = f"({len(names)}, {'n' if n is None else n}), rows {', '.join(names) or 'none'}"
+    if x.dtype.kind not in "biuf":
+        raise BadValue(f"{what}x must be numbers of shape {shape}; got {type(given).__name__} of {x.dtype}")
+    if x.ndim != 2 or len(x) != len(names) or n not in (None, x.shape[1]):
+        raise BadValue(f"{what}x must be of shape {shape}; got {x.shape}")
+    x = np.array(x, np.float64, order="C")
+    for row, column in np.argwhere(~np.isfinite(x))[:1]:
+        value = x[row, column]
+        raise BadValue(f"{what}{names[row]} is {value} in column {column}: give the last known value instead")
+    return x
+
+
 class Feeder(threading.Thread):
     """Keeps a scripted motion ahead of the samples.
 
@@ -171,14 +211,17 @@ class Feeder(threading.Thread):
     pump : stimlib.devices.pump.Pump
     source : Scripted
     failed : callable
-        Called with the exception when a function of the motion raises or is not finite.
+        ``failed(error, what="the motion failed")`` is called when a function of the motion raises or gives no finite numbers.
     """
 
-    def __init__(self, pump: Any, source: Scripted, failed: Callable[[Exception], None]):
+    turns = 0  # how often it has looked for room; while a function does not return they stay the same
+
+    def __init__(self, pump: Any, source: Scripted, failed: Callable[..., None]):
         super().__init__(name="stimlib motion", daemon=True)
         self._pump, self._failed = pump, failed
         self._sources = sources_of(source.motion, pump.proc.inputs, 1)
         self._end = length(source)
+        self._stands, self._last = False, np.zeros((len(self._sources), 1))
         self._over = threading.Event()
 
     def fill(self) -> None:
@@ -189,15 +232,23 @@ class Feeder(threading.Thread):
             stop = min(at + 1024, at + pump.motion_room(), *([] if self._end is None else [self._end]))
             if stop <= at:
                 return
-            pump.put_motion(positions(self._sources, at, stop, pump.proc.fs))
+            x = np.repeat(self._last, stop - at, axis=1) if self._stands else self.columns(at, stop)
+            self._last = x[:, -1:]
+            pump.put_motion(x)
+
+    def columns(self, at: int, stop: int) -> np.ndarray:
+        """The motion of samples at .. stop - 1, shape (n_inputs, stop - at)."""
+        return positions(self._sources, at, stop, self._pump.proc.fs)
 
     def run(self) -> None:
-        try:
-            while not self._over.is_set():
+        while not self._over.is_set():
+            try:
                 self.fill()
-                time.sleep(0.0005 if self._pump.hurried else 0.01)
-        except Exception as e:
-            self._failed(e)
+            except BaseException as e:  # it stands still while the session fades
+                self._stands = True
+                self._failed(e, what="the motion failed")
+            self.turns += 1
+            time.sleep(0.0005 if self._pump.hurried else 0.01)
 
     def stop(self) -> None:
         self._over.set()

@@ -67,6 +67,8 @@ EVENTS: dict[str, dict[str, fields.Test]] = {
     "motion": {"to": COUNT, "sha256": _HASH},
     "lost": {"frames": COUNT},
     "gap": {"frames": COUNT},
+    "rise": {"frames": COUNT},
+    "fall": {"frames": COUNT},
 }
 
 

@@ -26,6 +26,8 @@ from .protocol import BURST, RATE, VERSION, WRONG
 from .site import Page, Site
 
 _, uvicorn, _ = (package(name, "the live page", "'stimlib[live]'") for name in ("starlette", "uvicorn", "websockets"))
+from uvicorn.protocols.http.h11_impl import H11Protocol  # noqa: E402
+
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -33,6 +35,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
+    "Connection": "close",  # kept open, it would take the place of another
 }
 POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
@@ -41,6 +44,34 @@ POLICY = (
 """Content security policy: what the page loads comes from here, and nothing in it is run from text."""
 HELLO = 2.0
 """Seconds in which a page must show its token."""
+REQUEST = 3.0
+"""Seconds in which a connection must have sent the head of its request."""
+WITHOUT = 16
+"""Connections that may be open without a request."""
+
+
+class Connection(H11Protocol):
+    """A connection that ends when its request does not come in time.
+
+    The oldest that still waits for its request also ends when more than ``WITHOUT`` do.
+    """
+
+    def connection_made(self, transport: Any) -> None:
+        """Give it a time limit, and make room for it."""
+        super().connection_made(transport)
+        self.limit = self.loop.call_later(REQUEST, self.leave)
+        waiting = [c for c in self.connections if isinstance(c, Connection) and c.waits()]
+        if len(waiting) > WITHOUT:
+            min(waiting, key=lambda c: c.limit.when()).leave()
+
+    def waits(self) -> bool:
+        """Return whether it is open, and has not sent the head of a request."""
+        return self.cycle is None and self in self.connections and not self.transport.is_closing()
+
+    def leave(self) -> None:
+        """Close it, unless it has a request."""
+        if self.waits():
+            self.transport.close()
 
 
 def page_files(index: str) -> dict[str, tuple[str, bytes]]:
@@ -84,7 +115,8 @@ class Server:
         self.private = ipaddress.ip_address(self.host).is_loopback
         # log_config=None: its own would close all handlers of the process, and with one of them (absl's) stderr
         config = uvicorn.Config(
-            self._app(), log_config=None, log_level="warning", ws="websockets-sansio", ws_max_size=stream.longest,
+            self._app(), http=Connection, log_config=None, log_level="warning", ws="websockets-sansio",
+            ws_max_size=stream.longest,
             ws_max_queue=32, ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
             timeout_graceful_shutdown=1, server_header=False, date_header=False, proxy_headers=False,
         )  # fmt: skip

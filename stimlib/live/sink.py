@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..core.scene import Scene
 from ..devices.process import begin
 from ..devices.sink import Sink
-from ..devices.sources import Live
+from ..devices.sources import Live, columns_of
+from ..errors import place
 from ..run.safety import Safety
 
 LATE = 0.25
@@ -30,14 +31,17 @@ class PageSink(Sink):
     scene, safety, **options
         See ``Sink``.
     feed : callable
-        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs, n).
+        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs, n): finite real numbers of any type,
+        which are copied.
     take : callable
         ``take(at, x, y)`` is given each block: motion (float64), and frames as a device gets them, shape (n_outputs, n) of
-        float32, which change after it returns.
+        float32, which change after it returns. What it returns is ignored.
 
     Notes
     -----
-    Both are called in the sink's own thread and must not wait.  Blocks that are late are made at once, up to 0.25 s of them, so
+    Both are called in the sink's own thread and must not wait: after 2 s in one of them the session ends with a ``SinkError``,
+    and without a fade.  When ``feed`` fails, see ``Sink``, it is called no more, and the motion stands still while the session
+    fades; ``take`` gets the fade in any case.  Blocks that are late are made at once, up to 0.25 s of them, so
     that jitter of the machine shortens no sound; then samples are lost, and told.
 
     Examples
@@ -56,6 +60,9 @@ class PageSink(Sink):
     """
 
     device = "page"
+    leads = False  # a page has no frames before sample 0
+    silent_for = 2.0
+    gone = "feed or take has not returned for {:g} s: neither may wait."
 
     def __init__(
         self,
@@ -68,7 +75,8 @@ class PageSink(Sink):
     ):
         motion = Live(1.0) if isinstance(scene, Scene) and scene.inputs else None
         super().__init__(scene, safety, motion=motion, realtime=False, **options)
-        self._feed, self._take = feed, take
+        self._feed, self._take, self._stands = feed, take, False
+        self._places = place(feed), place(take)
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self.late = self.busy = 0.0
         """Seconds behind the clock, and part of a block's time that making it took, each of late."""
@@ -95,23 +103,31 @@ class PageSink(Sink):
             if self.pump.state == self.pump.native.RUNNING:
                 self._make(lost if self.pump.read("DELIVERED") else 0)
                 self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
+            else:
+                self.pump.block(self.block or 1)  # silence: the device is still there
 
     def _make(self, lost: int) -> None:
         """One block, after ``lost`` samples that nobody gets."""
         pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
-        try:
-            x = np.ascontiguousarray(self._feed(pump.index, lost + n))
-        except Exception as e:  # of a motion that is not ours: it stands still while the session fades
-            self._fail(e)
-            x = np.repeat(self._x[:, -1:], lost + n, axis=1)
-        self._x = x
+        x = np.repeat(self._x, lost + n, axis=1)
+        if not self._stands:
+            try:
+                x = columns_of("", self._feed(pump.index, lost + n), pump.proc.inputs, lost + n)
+            except BaseException as e:
+                self._stands = True
+                self._fail(e, what=f"{self._places[0]}feed failed")
+        self._x = x[:, -1:].copy()  # `take` may write into what it is given
         if len(x):
             pump.put_motion(x)
         pump.block(n, lost)
-        if done := pump.read("DELIVERED") - begun:
-            self._take(pump.index - done, x[:, lost : lost + done], self.buffer[:, :done])
+        if made := pump.read("MADE"):  # with those after the last sample
+            first = pump.index - pump.read("DELIVERED") + begun
+            try:
+                self._take(first, x[:, lost : lost + made], self.buffer[:, :made])
+            except BaseException as e:
+                self._fail(e, what=f"{self._places[1]}take failed")
 
     def _close(self) -> None:
         self.pump.write("STATE", self.pump.native.CLOSED)
-        if hasattr(self, "_thread") and threading.current_thread() is not self._thread:
+        if self._thread:
             self._thread.join()

@@ -22,7 +22,7 @@ from ..errors import BadValue, UnknownName, shown
 from .batch import Array
 from .cubics import cubics
 from .generators import Motion
-from .reports import Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
+from .reports import FASTEST, Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
 from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion
@@ -254,7 +254,7 @@ def recording(
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()
     period = float(np.median(np.diff(found.t)))
-    if max_gap is None or max_gap < period:
+    if max_gap is None or max_gap < period or period < FASTEST:
         check_period(table, found, period, time)
     gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
     held, gaps = check_gaps(table, found, gap) if reports == "always" else hold_silences(found, period, gap)

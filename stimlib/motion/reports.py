@@ -17,6 +17,7 @@ from .table import TableFile
 
 Mask = NDArray[np.bool_]
 
+FASTEST = 1e-7  # s from report to report
 SILENCE = 2.5  # median periods without a report; up to 2 also come from the device's clock, in the middle of a motion
 JUMPS, JUMP_SHARE = 3, 0.01  # so many jumps, and more than this share of the reports, are not faults of the device
 SLOWEST = 0.5  # s between reports: a device that a hand moves has 0.004 to 0.08, and at 1 kHz a millisecond taken for 1 s has 1
@@ -278,8 +279,10 @@ def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
 
 def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
     """Raise where the median time between reports is not that of a hand's recording: a unit that is taken for seconds."""
-    if period <= SLOWEST:
+    if FASTEST <= period <= SLOWEST:
         return
+    if period < FASTEST:
+        raise table.error(f"{period:.6g} s from report to report, which no clock gives", "write the column of times in s")
     unit, factor = next(((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST), ("ns", "1e-9"))
     text = time if time in table.names and time.isidentifier() else f"'{time}'" if time in table.names else f"({time})"
     problem = f"{period:.6g} s from report to report, which is slow for a hand"

@@ -25,24 +25,35 @@ HAND = 1.0
 """The largest speed of a hand, m/s."""
 
 
-def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float) -> None:
-    """Warn where a generator of metres moves faster than a hand, from 10 ms to 10 ms within its first 100 s.
+def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
+    """Warn where a generator or an array of metres moves faster than a hand, from 10 ms to 10 ms within its first 100 s.
 
-    Samples are what somebody measured or made, and recordings have their own ``max_speed``: neither is looked at.
+    Arrays are looked at where ``fs`` is given; recordings have their own ``max_speed``.
     """
     t = np.arange(0.0, min(seconds, 100.0), 0.01)
     for name, source in sources.items():
-        if type(source) in GENERATORS.values() and str(scene.inputs[name].dim) == "m":
+        if str(scene.inputs[name].dim) != "m":
+            continue
+        if type(source) in GENERATORS.values():
             with np.errstate(all="ignore"):
-                speed = float(np.abs(np.diff(source(t))).max(initial=0.0) / 0.01)
-            if speed > HAND:
-                warnings.warn(
-                    f"{name} moves at {speed:.4g} m/s, faster than a hand ({HAND:g} m/s): "
-                    f"check that the lengths of {type(source).__name__} are in m",
-                    RuntimeWarning,
-                    stacklevel=3,
-                )
-                return
+                x, every = source(t), 0.01
+            remedy = f"check that the lengths of {type(source).__name__} are in m"
+        elif isinstance(source, np.ndarray) and fs:
+            step = max(1, round(0.01 * fs))
+            x, every = source[: round(min(seconds, 100.0) * fs) : step], step / fs
+            remedy = (
+                f"its array is taken as sampled at fs = {fs:g} Hz; if it was recorded at another rate, say 500 Hz, give "
+                f"stimlib.motion.recorded.recording({{'t_s': t, '{name}': x}}, {{'{name}': '{name}'}})"
+                ".for_inputs(scene.inputs), and check that it is in m"
+            )
+        else:
+            continue
+        with np.errstate(all="ignore"):
+            speed = float(np.abs(np.diff(x)).max(initial=0.0) / every)
+        if speed > HAND:
+            text = f"{name} moves at {speed:.4g} m/s, faster than a hand ({HAND:g} m/s): {remedy}"
+            warnings.warn(text, RuntimeWarning, stacklevel=3)
+            return
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
@@ -53,7 +64,7 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
         raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
 
 
-def frames_of(seconds: float, fs: float) -> int:
+def frames_of(seconds: float | None, fs: float) -> int:
     """Whole samples of a duration; BadValue unless finite and at least one."""
     if not isinstance(seconds, NUMBERS):
         raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
@@ -66,8 +77,9 @@ def frames_of(seconds: float, fs: float) -> int:
     return round(frames)
 
 
-def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
-    """Functions and float64 arrays, one per input, in the processor's order."""
+def sources_of(motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
+    """Functions and float64 arrays, one per input, in the processor's order; None serves a scene without inputs."""
+    motion = {} if motion is None else motion
     if not isinstance(motion, Mapping):
         raise BadValue(
             f"motion must map each input name to a function of time or an array, got {type(motion).__name__}{_hint(motion)}"
@@ -88,7 +100,7 @@ def sources_of(motion: Mapping[str, Any], inputs: tuple[str, ...], frames: int) 
             source = source.astype(np.float64, copy=False)
             if source.ndim != 1 or len(source) < frames:
                 raise BadValue(
-                    f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}{_still(source)}"
+                    f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}{_shaped(source)}"
                 )
         sources[name] = source
     return sources
@@ -108,6 +120,16 @@ def _still(given: Array) -> str:
     return "" if given.ndim else "; for one that stands still give lambda t: np.full_like(t, 1.0)"
 
 
+def _shaped(given: Array) -> str:
+    """How a column, or times with positions, becomes the motion of an input."""
+    if given.ndim != 2:
+        return _still(given)
+    return (
+        "; give positions alone, one dimension such as a.ravel() of a column, or with their times t_s, in s, "
+        "stimlib.motion.recorded.recording({'t_s': a[0], 'x': a[1]}, {'x': 'x'}).for_inputs(scene.inputs)"
+    )
+
+
 def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
     """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
     x = np.empty((len(sources), stop - start))
@@ -120,7 +142,7 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
         first[id(source)] = row
         if callable(source):
             try:
-                values = np.asarray(source(t.copy()))
+                values = np.ma.filled(source(t.copy()), np.nan)  # a mask would be lost
             except (TypeError, ValueError) as e:
                 if isinstance(e, BadValue):
                     raise

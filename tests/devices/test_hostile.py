@@ -301,6 +301,16 @@ def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     assert path.read_text() == "all" and not part.exists()
 
 
+def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
+    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
+    regular.publish(tmp_path / "usual", "x")
+    part.write_bytes(b"secret" * 100)
+    part.chmod(0o777)
+    regular.publish(path, "all")
+    assert path.read_text() == "all" and path.stat().st_mode == (tmp_path / "usual").stat().st_mode
+    assert not part.exists()
+
+
 def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, monkeypatch):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
 
@@ -517,6 +527,16 @@ def test_a_line_that_declares_a_day_as_lost_is_refused(tmp_path, fs):
         f.write(json.dumps({"at": 2400, "kind": "lost", "frames": int(86400 * fs)}) + "\n")
     with pytest.raises(SinkError, match="samples that are lost: .* is more than limits.lost_samples"):
         read_log(folder)
+
+
+def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypatch):
+    """At 8 MHz 256 000 samples run before sample 0, which took the interpreter 10 s."""
+    from stimlib.targets.python import Engine
+
+    ran, sample = [], Engine.sample
+    monkeypatch.setattr(Engine, "sample", lambda *given, **how: ran.append(1) or sample(*given, **how))
+    assert verify_log(read_log(session(tmp_path / "a", fs=8e6))).passed
+    assert 100 < len(ran) < 2000
 
 
 def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):

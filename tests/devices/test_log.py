@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.blocks import white_noise
+from stimlib.blocks import timeline, white_noise
 from stimlib.checks.session import verify_log
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
@@ -711,6 +711,43 @@ def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
     assert file.read(tmp_path / "a.rf64")[0].shape == (3, report.delivered)
     proven = verify_log(log, squeeze())
     assert proven.passed, str(proven)
+
+
+def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
+    """At 5 ms a burst that rises within 10 ms is at half, whatever the sink does before it."""
+    burst = Scene({"y": timeline([(0.0, 0.0), (0.01, 1.0), (0.04, 1.0), (0.05, 0.0)]) * (0.5 + white_noise(seed=1))})
+    with NullSink(burst, 8.0, clocked=False, log=tmp_path / "a.stimlog") as sink:
+        sink.open(FS)
+        sink.start(seconds=0.05)
+        sink.wait()
+    log = read_log(tmp_path / "a.stimlog")
+    assert replay(log, tmp_path / "a.wav").matches
+    y = stimlib.render(burst, {}, FS, 0.05)["y"]
+    assert np.array_equal(file.read(tmp_path / "a.wav")[0][0], np.float32(y / 8.0) * 8.0)
+    assert [(e.at, e.kind, e.data["frames"]) for e in log.events if e.kind in ("rise", "fall")] == [
+        (0, "rise", 160),
+        (400, "fall", 160),
+    ]
+    assert "faded in over 160 frames before sample 0; faded out over 160 frames after" in str(sink.report())
+    report = verify_log(log)
+    assert report.passed and not report.evidence.numbers
+    told = [text for text in report.evidence.skipped if "fade" in text]
+    assert "160 frames before sample 0" in told[0] and "160 frames from sample 400 on" in told[1]
+
+
+def test_a_fade_along_the_samples_is_told(tmp_path):
+    with NullSink(spring(), 50.0, clocked=False, motion=Live(), log=tmp_path / "a.stimlog") as sink:
+        sink.open(FS)
+        sink.push(motion(FS // 2))
+        sink.start()
+        while sink.pump.index < 1000:
+            time.sleep(0.001)
+        sink.stop()
+    log = read_log(tmp_path / "a.stimlog")
+    assert "faded in over the first samples" in str(sink.report()) and "faded out" not in str(sink.report())
+    assert not {"rise", "fall"} & {e.kind for e in log.events}
+    (told,) = verify_log(log).evidence.numbers
+    assert told == f"{len([c for c in log.changes if c.name == GAIN])} fades on the stimulus, the first along samples 0 to 160"
 
 
 @pytest.mark.parametrize("clocked, before", [(True, 0.0), (False, 0.0), (False, 1.0)])

@@ -71,18 +71,57 @@ def cuts(kind, n):
 @pytest.mark.parametrize("kind", [1, 16, 64, 100, 256, 1000, "mixed"])
 def test_the_samples_do_not_depend_on_the_block(kind):
     x = fingers(3000)
+    x[:, 0] = 0.01, 0.02  # what comes before sample 0 leads to it
     bench = Bench(squeeze(), Recorded(x), channels=[1, -1, 0])
-    bench.pump.start(3000)
-    for n in cuts(kind, 3100):
+    bench.pump.start(3000, np.array([20.0, 40.0]))
+    for n in cuts(kind, 3400):
         bench.block(n)
     heard = bench.heard()
-    assert np.array_equal(heard[:3000], bench.reference(x))
-    assert not heard[3000:].any() and not np.isnan(heard).any()
+    played = heard[160:3160]
+    assert np.array_equal(played, bench.reference(x)) and played[0].tolist() == np.float32([0.8, 0, 0.4]).tolist()
+    part = np.arange(160)[:, None] / 160
+    assert np.array_equal(heard[:160], np.float32(part * [0.8, 0, 0.4]))
+    assert np.allclose(heard[3160:3320], part[::-1] * played[-1], rtol=1e-6, atol=0)
+    assert not heard[3319:].any() and not np.isnan(heard).any()
     assert np.abs(heard).max() > 0.5
-    assert np.array_equal(np.concatenate(bench.logged), heard[:3000])
+    assert np.array_equal(np.concatenate(bench.logged), played)
     assert np.array_equal(np.concatenate(bench.motion), x.T)
-    assert [(at, e["value"]) for at, kind, e in bench.events if kind == "set"] == [(0, 1.0), (3000 - 160, 0.0)]
+    assert [(at, e["value"]) for at, kind, e in bench.events if kind == "set"] == [(0, 1.0)]
+    assert [(at, kind, e["frames"]) for at, kind, e in bench.events if kind != "set"] == [(0, "rise", 160), (3000, "fall", 160)]
     assert bench.pump.state == bench.pump.native.DONE and bench.pump.index == 3000
+    assert (bench.pump.read("ROSE"), bench.pump.read("FELL"), bench.pump.read("DELIVERED")) == (160, 160, 3000)
+
+
+@pytest.mark.parametrize("before", [0, 50, 159, 160, 200])
+def test_a_stop_before_sample_0_goes_back_at_once(before):
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(1000, np.array([50.0]))
+    bench.block(before)
+    bench.pump.stop("stop")
+    bench.block(400)
+    y, native = bench.heard()[:, 0], bench.pump.native
+    assert np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[before + 161 + before // 160 :].any()
+    assert bench.pump.state == native.DONE and (bench.pump.index == 0) == (before < 160)
+
+
+def test_a_stop_close_to_the_end_makes_no_sample_more():
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(1000, np.array([50.0]))
+    bench.block(160 + 960)
+    bench.pump.stop("stop")
+    bench.block(400)
+    y = bench.heard()[:, 0]
+    assert bench.pump.index == 1000 and np.abs(np.diff(y)).max() < 0.01 and not y[160 + 1000 + 160 :].any()
+
+
+def test_what_a_device_skips_before_sample_0_is_no_loss():
+    bench = Bench(squeeze(), Recorded(fingers(1000)))
+    bench.pump.start(1000, np.zeros(2))
+    for lost in (0, 64, 1000):
+        bench.block(64, lost)
+    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (3 * 64 - 160, 0, 0)
+    bench.block(64, 10)
+    assert bench.pump.read("LOST") == 10
 
 
 def test_silent_before_the_start_and_after_the_end():
@@ -90,7 +129,7 @@ def test_silent_before_the_start_and_after_the_end():
     bench.block(64)
     assert not bench.heard().any() and bench.pump.index == 0
     bench.pump.start(500)
-    for _ in range(10):
+    for _ in range(12):
         bench.block(64)
     assert not bench.out[-1].any() and bench.pump.index == 500
 
@@ -141,7 +180,8 @@ def test_the_end_may_fall_into_what_is_lost():
     bench.block(900)
     bench.block(64, lost=500)
     assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (1000, 100, 900)
-    assert not bench.out[-1].any()
+    bench.block(160)
+    assert bench.out[-2].all() and not bench.out[-1][95:].any(), "it falls from the last sample"
 
 
 def test_changes_take_effect_at_the_index_that_is_told():
@@ -185,7 +225,7 @@ def test_a_session_shorter_than_its_fades_has_no_step():
     bench.pump.start(100)
     bench.block(300)
     y = bench.heard()[:, 0]
-    assert np.abs(np.diff(y)).max() < 0.01 and not y[100:].any()
+    assert np.abs(np.diff(y)).max() < 0.01 and not y[259:].any()
 
 
 def live(keep=0.05):

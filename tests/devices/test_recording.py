@@ -839,3 +839,9 @@ def test_a_grip_drives_the_squeeze():
     y = stimlib.render(made, r.for_inputs(made.inputs), FS, seconds=r.duration, target="python")
     assert np.array_equal(y["force1"], y["force2"])
     assert_allclose(y["force1"], 2000 * r.motion["x"](y.t), rtol=1e-12)
+
+
+@pytest.mark.parametrize("more", [{}, {"max_gap": 1.0}])
+def test_a_period_that_no_clock_has_is_refused(csv, more):
+    with pytest.raises(RecordingError, match="4.94066e-324 s from report to report, which no clock gives; write the column"):
+        recording(csv("t_s,x\n0,0\n5e-324,1\n1e-323,2\n"), {"x": "x"}, **more)

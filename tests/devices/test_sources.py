@@ -5,7 +5,7 @@ import pytest
 from devices.servers import Seen, largest_step
 
 import stimlib
-from stimlib import BadValue, Input, Scene, UnknownName
+from stimlib import BadValue, Input, Scene, SinkError, UnknownName
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals, length, source_of
 from stimlib.motion.generators import minimum_jerk
@@ -92,7 +92,7 @@ def test_a_hand_that_fails_fades_out_and_says_so():
         return np.where(t < 1.0, 0.5, np.nan)
 
     log = Seen()
-    with pytest.raises(BadValue, match="not finite at sample 8000"):
+    with pytest.raises(SinkError, match="the motion failed: motion of x is not finite at sample 8000"):
         with NullSink(Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log) as sink:
             sink.open(FS)
             sink.start(seconds=10)

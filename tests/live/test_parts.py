@@ -178,7 +178,7 @@ def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
 
     heard, sink = played(feed, tmp_path, monkeypatch, seconds=60.0)
     y = np.concatenate([y[0] for _, y in heard])
-    assert str(sink.error) == "the hand has gone" and y.max() == np.float32(0.4) and abs(y[-1]) < 0.005
+    assert "feed failed: the hand has gone; correct it" in str(sink.error) and y.max() == np.float32(0.4) and abs(y[-1]) < 0.005
     assert np.abs(np.diff(y)).max() < 0.01
 
 

@@ -7,7 +7,7 @@ import socket
 import time
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -329,6 +329,48 @@ def knock(server, headers, messages):
         return e.response.status_code
     except ConnectionClosed as e:
         return e.rcvd and e.rcvd.code
+
+
+def closed(sock):
+    """Whether the other side closes a connection within 5 s."""
+    sock.settimeout(5)
+    try:
+        return sock.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: "])
+def test_connections_without_a_request_keep_no_page_out(server, sent, monkeypatch):
+    """A hundred of them: the oldest make room at once, and all have ended a little later."""
+    monkeypatch.setattr("stimlib.live.server.REQUEST", 1.0)
+    with ExitStack() as stack:
+        many = []
+        for _ in range(100):
+            many.append(stack.enter_context(socket.create_connection(("127.0.0.1", server.port))))
+            many[-1].sendall(sent)
+        with urllib.request.urlopen(own(server), timeout=5) as answer:
+            assert answer.status == 200
+        with greeted(server) as client:
+            assert client.hello["is"] == "hello"
+        assert all(closed(sock) for sock in many)
+
+
+def test_a_page_stays_beyond_the_time_for_its_request(server, monkeypatch):
+    monkeypatch.setattr("stimlib.live.server.REQUEST", 0.05)
+    with greeted(server) as client:
+        client.say("start")
+        client.hear(10)  # 0.2 s
+        client.say("stop")
+        client.until(phase="idle")
+
+
+def test_an_answer_ends_its_connection(server):
+    with socket.create_connection(("127.0.0.1", server.port)) as sock:
+        sock.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        sock.settimeout(5)
+        said = b"".join(iter(lambda: sock.recv(1 << 16), b""))
+    assert said.startswith(b"HTTP/1.1 200") and b"\r\nconnection: close\r\n" in said
 
 
 def test_only_the_page_is_served_and_only_to_this_machine(server):
