@@ -2,6 +2,7 @@
 
 import re
 
+LONGEST = 4000  # letters of an error: it may quote what others wrote
 _CONTROL = re.compile(r"[^\n\x20-\x7e\xa0-\U0010ffff]|[\u061c\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
@@ -23,11 +24,17 @@ def shortened(value: object) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def said(text: str) -> str:
+    """Return the text of an error as it can be shown: of a long one the beginning, and the end with the remedy."""
+    text = shown(text)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 500]} [..] {text[-490:]}"
+
+
 class StimlibError(Exception):
     """Base of every error that stimlib raises on purpose; its text may quote files of others, so it is fit to be shown."""
 
     def __str__(self) -> str:
-        return shown(super().__str__())
+        return said(super().__str__())
 
 
 class BadValue(StimlibError, ValueError):
@@ -67,7 +74,7 @@ class UnknownName(StimlibError, KeyError):
 
     def __str__(self) -> str:
         # KeyError shows the repr of its argument, which would put quotes around a whole sentence
-        return shown(Exception.__str__(self))
+        return said(Exception.__str__(self))
 
 
 def place(f: object) -> str:

@@ -96,3 +96,10 @@ def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
 def test_numbers_of_files_are_those_that_a_float_tells_apart():
     assert fields.number(2**53) and fields.number(-(2**53))
     assert not fields.number(2**53 + 1) and not fields.number(-(2**53) - 1)
+
+
+def test_an_error_that_quotes_a_file_is_short_and_keeps_its_remedy():
+    for error in (SinkError, UnknownName):
+        text = str(error("what is wrong: " + "x" * 100_000 + "; do this"))
+        assert len(text) <= 4000 and text.startswith("what is wrong") and text.endswith("; do this")
+    assert str(BadValue("y" * 4000)) == "y" * 4000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 import os
+from numbers import Real
 
 from ..errors import BadValue, StimlibError
 
@@ -37,6 +38,8 @@ class Limits:
     """Blocks of a scene, in its file and after each `enabled` has got its own copies."""
     state_bytes: float = 4_000_000_000
     """Memory of a compiled scene: states, parameters and buffers."""
+    design_work: float = 30_000_000_000
+    """Operations before sample 0, of a block's design or of all that runs early: 1e9 take about a second."""
     render_bytes: float = 16_000_000_000
     """Samples that `render` keeps, and those that `verify` compares."""
     recording_bytes: float = 4_000_000_000
@@ -57,17 +60,17 @@ class Limits:
     """Size of the events of a log."""
     log_samples: float = 1_000_000_000
     """Samples of a session that are made again from its log."""
+    row_seconds: float = 600
+    """Time that one row of a sweep takes, with its scene and its figures."""
+    row_bytes: float = 8_000_000_000
+    """Memory of a process that runs rows of a sweep."""
     lost_samples: float = 30_000_000
     """Samples that a log may declare to be lost, all in all: they cost the log nothing, and are made again too."""
 
     def __setattr__(self, name: str, value: float) -> None:
         if name not in {f.name for f in dc.fields(self)}:
             raise BadValue(f"limits: there is no {name!r}; there are {', '.join(f.name for f in dc.fields(self))}")
-        try:
-            good = not isinstance(value, bool) and value > 0 and not math.isnan(value)
-        except TypeError:
-            good = False
-        if not good:
+        if isinstance(value, bool) or not isinstance(value, Real) or not value > 0:
             raise BadValue(f"limits.{name} = {value!r} must be a number above 0")
         object.__setattr__(self, name, value)
 
@@ -101,10 +104,9 @@ def _from_environment() -> Limits:
         name, _, value = word.partition("=")
         try:
             setattr(limits, name, float(value))
-        except BadValue as e:
-            _wrong.append(f"{VARIABLE}: {e}")
-        except ValueError:
-            _wrong.append(f"{VARIABLE}: {word!r} is not NAME=NUMBER, words apart and no blanks around =")
+        except ValueError as e:
+            why = e if isinstance(e, BadValue) else f"{word!r} is not NAME=NUMBER, words apart and no blanks around ="
+            _wrong.append(f"{VARIABLE}: {why}")
     return limits
 
 

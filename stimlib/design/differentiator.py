@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.bounds import limits
 from ..errors import BadValue
 from .minimax import FloatArray, alternating, between, peaks_of
 
@@ -121,8 +122,11 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
     most = MAX_ORDER // 2
     half = _half_order_estimate(w_pass, w_stop, tol)
     too_low, enough = 0 if _first_error(half, w_pass, w_stop) <= tol else most, most + 1
-    rate = -math.log(tol) / half  # the error falls like exp(-rate half)
+    rate, work = -math.log(tol) / half, 0.0  # the error falls like exp(-rate half)
     while enough - too_low > 1:
+        work += 400.0 * half * half
+        what = f"differentiator_order: the order is near {2 * half} (lower fs, or raise tol); operations to find it"
+        limits.check("design_work", work, what)
         error = _exchange(half, w_pass, w_stop).error
         too_low, enough = (too_low, half) if error <= tol else (half, enough)
         step = math.ceil(math.log(max(error, 1e-300) / tol) / rate)

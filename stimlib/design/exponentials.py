@@ -8,6 +8,10 @@ power of j.  The first ``DIRECT`` weights are used as they are.  The others are 
     gl:  phi = (exp(s) - 1)^(alpha - 1),      v_j = Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!)
     l1:  phi = (1 - exp(-s)) s^(alpha - 2),   v_j = ((j + 1)^(1 - alpha) - j^(1 - alpha))/Gamma(2 - alpha)
 
+Creep needs a third, for d[n] = force/fs that is straight between samples, with p = 2 - alpha and v_0 = 1/Gamma(1 + p):
+
+    straight:  phi = (2 sinh(s/2))^2 s^(alpha - 3),   v_j = ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p)
+
 and the trapezoidal rule in log(s) turns the integral into few terms, with an error that falls like exp(-pi^2/delta) with the
 step delta.  All of the grid below s0 = 0.25/horizon acts as a few nodes in [0, s0] with the same moments.  So the rates s_k
 depend on tol and the horizon only, and the order alpha enters by the weights, in closed form.
@@ -29,6 +33,7 @@ import numpy as np
 from ..errors import BadValue
 
 SCHEMES = ("gl", "l1")
+STRAIGHT = "straight"
 DIRECT = 8  # weights v_0 .. v_7 are direct taps
 SMALLEST_TOL = 1e-14
 LONGEST = 2.0**62  # samples of a run, as of a processor
@@ -63,11 +68,11 @@ class Weights(NamedTuple):
 
 # The exact weights ---------------------------------------------------------------------------------------------------
 def kernel(scheme: str, alpha: float, j) -> np.ndarray:
-    """v_j to a few roundings.
+    """Return v_j to a few roundings.
 
     Parameters
     ----------
-    scheme : {"gl", "l1"}
+    scheme : {"gl", "l1", "straight"}
     alpha : float
         From 0 to 1.
     j : array_like of int
@@ -83,6 +88,8 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
     array([1.   , 0.5  , 0.375])
     """
     j = np.asarray(j, float)
+    if scheme == STRAIGHT:
+        return _straight(alpha, j)
     if scheme == "l1":
         if alpha == 1:
             return np.where(j == 0, 1.0, 0.0)
@@ -96,6 +103,15 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
     series = 1 + alpha * (1 - alpha) * square * _ratio_series(alpha, rho, square)
     many = series * w**-alpha / math.gamma(1 - alpha) if alpha < 1 else np.zeros_like(w)
     return np.where(j < 64, few[np.minimum(j, 63).astype(int)], many)
+
+
+def _straight(alpha: float, j: np.ndarray) -> np.ndarray:
+    """((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p), p = 2 - alpha, without cancellation; 1/Gamma(1 + p) for j = 0."""
+    k, i = np.maximum(j, 2), np.arange(2, 64, 2)
+    series = np.cumprod((4 - i - alpha) * (3 - i - alpha) / (i * (i - 1)))  # binom(p, i), none below 0
+    far = 2 * k**-alpha * np.polynomial.polynomial.polyval(k**-2, series)
+    near = np.where(j == 0, 1.0, 2 * math.expm1((1 - alpha) * math.log(2)))
+    return np.where(j < 2, near, far) / math.gamma(3 - alpha)
 
 
 def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
@@ -114,6 +130,8 @@ def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
 def _phi(scheme: str, alpha: float, s: np.ndarray) -> np.ndarray:
     if scheme == "gl":
         return np.array([math.expm1(v) ** alpha / math.expm1(v) for v in s])  # alpha - 1 would be rounded
+    if scheme == STRAIGHT:
+        return np.array([v**alpha * (2 * math.sinh(v / 2) / v) ** 2 / v for v in s])
     return np.array([v**alpha * (-math.expm1(-v) / v) / v for v in s])
 
 
@@ -124,8 +142,8 @@ def _sin(alpha: float) -> float:
 
 # Rates ---------------------------------------------------------------------------------------------------------------
 @cache
-def rates(tol: float, samples: float) -> Rates:
-    """Modes whose error bound is below tol for every order and both schemes, up to a horizon in samples.
+def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
+    """Return modes whose error bound is below tol for every order, up to a horizon in samples.
 
     Parameters
     ----------
@@ -133,6 +151,8 @@ def rates(tol: float, samples: float) -> Rates:
         |error of f[n]| <= tol h^-alpha sum_j v_j |d[n-j]|; from 1e-14 to 0.1.
     samples : float
         Horizon; the bound on the slowest part holds up to there.
+    scheme : {"gl", "l1", "straight"}
+        The first two have the same modes; the third has a few more at the fast end.
 
     Raises
     ------
@@ -159,7 +179,7 @@ def rates(tol: float, samples: float) -> Rates:
     delta = _step(tol - 4 * share - ROUNDING)
     s0 = 0.25 / samples
     n = math.ceil(math.log(0.5 / s0) / delta)
-    while _beyond(1.0, s0 * math.exp(n * delta), delta) > share:
+    while _beyond(1.0, s0 * math.exp(n * delta), delta, DIRECT - (scheme == STRAIGHT)) > share:
         n += 1
     grid = s0 * np.exp(delta * np.arange(n))
     m = 2
@@ -192,12 +212,12 @@ def aliasing(alpha: float, delta: float) -> float:
     return 2 * math.exp(stirling.real - below) * alpha / math.gamma(1 + alpha)
 
 
-def _beyond(alpha: float, s: float, delta: float) -> float:
-    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller)."""
+def _beyond(alpha: float, s: float, delta: float, first: int = DIRECT) -> float:
+    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller; straight is smaller with 7 as first)."""
     v = s * np.exp(delta * np.arange(64))
     v = v[v < 80]
     if alpha == 1:  # the limit of both factors over 1 - alpha
-        return float(delta * np.sum(v * np.exp(-DIRECT * v)) * DIRECT)
+        return float(delta * np.sum(v * np.exp(-first * v)) * DIRECT)
     return float(_sin(alpha) * delta * np.sum(v * np.expm1(v) ** (alpha - 1) * np.exp(-DIRECT * v)) / kernel("gl", alpha, DIRECT))
 
 
@@ -216,12 +236,12 @@ def _lump_error(alpha: float, delta: float, x: tuple[float, ...]) -> float:
 
 # Weights -------------------------------------------------------------------------------------------------------------
 def weights(r: Rates, scheme: str, alpha: float) -> Weights:
-    """Weights of the order alpha, 0 < alpha < 1, for given rates.
+    """Return the weights of the order alpha, 0 < alpha < 1, for given rates.
 
     Parameters
     ----------
     r : Rates
-    scheme : {"gl", "l1"}
+    scheme : {"gl", "l1", "straight"}
     alpha : float
 
     Examples
@@ -241,7 +261,7 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
             exact *= (j - Fraction(alpha)) / j
             taps.append(float(exact))
     else:
-        taps = [float(v) for v in kernel("l1", alpha, np.arange(DIRECT))]
+        taps = [float(v) for v in kernel(scheme, alpha, np.arange(DIRECT))]
     low = _lump(r, scheme, alpha)
     first = [r.s0**alpha * w * math.exp(-x * r.s0 * DIRECT) for w, x in zip(low, r.x, strict=True)]
     grid = _sin(alpha) * r.delta * r.grid * _phi(scheme, alpha, r.grid) * np.exp(-DIRECT * r.grid)
@@ -264,6 +284,8 @@ def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
     """Power series of phi(s) s^(1 - alpha)."""
     if scheme == "l1":
         return [(-1) ** k / math.factorial(k + 1) for k in range(n)]
+    if scheme == STRAIGHT:
+        return [0.0 if k % 2 else 2 / math.factorial(k + 2) for k in range(n)]
     base = [1 / math.factorial(k + 1) for k in range(n)]  # ((exp(s) - 1)/s)^(alpha - 1)
     out = [1.0]
     for k in range(1, n):

@@ -2,76 +2,85 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import numpy as np
 
+from ..core.bounds import limits
+
 HALF, BETA = 32, 12.0  # zero crossings on each side; of Kaiser's window: aliases and images below -110 dB
+PIECE = 2**18  # products at once: they stay in the cache, and an interrupt acts between two pieces
 
 
-def resampled(x: np.ndarray, ratio: float) -> np.ndarray:
-    """x at ratio times its sample rate: a sinc in Kaiser's window, which passes 0.45 of the lower rate within 1e-5.
+def resampled(x: np.ndarray, rate: float, fs: float, below: float = math.inf, name: str = "resampled") -> np.ndarray:
+    """Return x, recorded at a rate, at another one, by a sinc in Kaiser's window.
 
-    Outside, x counts as 0.  Where the rate stays, so do the samples.
+    It passes 0.45 of the lowest rate within 1e-5.  Outside, x counts as 0.  Where the rate stays, so do the samples.
 
     Parameters
     ----------
     x : ndarray, shape (n,)
-    ratio : float
+    rate, fs : float
+        Sample rates of x and of the result, in Hz.
+    below : float
+        Another rate in Hz, half of which limits the band too.
+    name : str
+        Of the function that needs it, for an error.
 
     Returns
     -------
-    ndarray, shape (ceil(n ratio),)
+    ndarray, shape (ceil(n fs/rate),)
+
+    Raises
+    ------
+    BadValue
+        More than ``stimlib.limits.design_work``.
+
+    Notes
+    -----
+    At a time t between two samples the factors depend on t - floor(t) alone.  Rates in the ratio of small whole numbers have
+    few such phases, so the factors of each are made once.
+
+    References
+    ----------
+    Crochiere and Rabiner, "Multirate Digital Signal Processing" (1983), section 2.4: polyphase structures.
 
     Examples
     --------
     >>> import numpy as np
     >>> from stimlib.design.resample import resampled
-    >>> n = np.arange(400)
-    >>> wave = np.sin(2 * np.pi * 0.1 * n)
-    >>> bool(np.abs(resampled(wave, 2.5) - np.sin(2 * np.pi * 0.04 * np.arange(1000)))[200:800].max() < 1e-5)
-    True
-    """
-    if ratio == 1:
-        return x.copy()
-    low = min(1.0, ratio)  # the lower rate, of both
-    reach = min(int(np.ceil(HALF / low)), x.size)  # beyond x there is nothing
-    y = np.empty(int(np.ceil(x.size * ratio)))
-    padded = np.concatenate([np.zeros(reach), x, np.zeros(reach + 1)])
-    k = np.arange(-reach + 1, reach + 1)
-    rows = max(1, 2**18 // k.size)  # so many at once stay in the cache
-    for start in range(0, y.size, rows):
-        t = np.arange(start, min(start + rows, y.size)) / ratio
-        first = np.floor(t).astype(int)
-        d = (t - first)[:, None] - k
-        window = np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0))) / np.i0(BETA)
-        y[start : start + t.size] = np.sum(padded[first[:, None] + k + reach] * (low * np.sinc(low * d) * window), axis=1)
-    return y
-
-
-def oversampled(x: np.ndarray, times: int, band: float = 1.0) -> np.ndarray:
-    """x at so many times its sample rate, limited to band times half of what it had; the window is that of ``resampled``.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Outside, it counts as 0.
-    times : int
-    band : float
-        At most 1.
-
-    Returns
-    -------
-    ndarray, shape (n times,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.design.resample import oversampled
     >>> wave = np.sin(2 * np.pi * 0.1 * np.arange(400))
-    >>> bool(np.abs(oversampled(wave, 8) - np.sin(2 * np.pi * 0.0125 * np.arange(3200)))[400:2800].max() < 1e-5)
+    >>> y = resampled(wave, 1000, 2500)
+    >>> bool(np.abs(y - np.sin(2 * np.pi * 0.04 * np.arange(1000)))[200:800].max() < 1e-5)
     True
     """
-    from scipy.signal import upfirdn
+    ratio = Fraction(fs) / Fraction(rate)
+    if ratio == 1 and below >= rate:
+        return x.copy()
+    lowest = min(Fraction(1), ratio, Fraction(min(below, rate)) / Fraction(rate))
+    low, reach = float(lowest), min(math.ceil(HALF / lowest), x.size)  # beyond x there is nothing
+    size, (phases, step) = math.ceil(x.size * ratio), ratio.as_integer_ratio()
+    few, k = 16 * phases <= size, np.arange(-reach + 1, reach + 1)
+    limits.check(
+        "design_work",
+        k.size * (2.0 * size + 50.0 * (phases if few else size)),
+        f"{name}: operations to bring {x.size} samples from {rate:g} Hz to {fs:g} Hz (resample them before, or change fs)",
+    )
 
-    reach = int(np.ceil(times * HALF / band))
-    taps = band * np.sinc(band * np.arange(-reach, reach + 1) / times) * np.kaiser(2 * reach + 1, BETA)
-    return upfirdn(taps, x, times)[reach : reach + x.size * times]
+    def factors(d: np.ndarray) -> np.ndarray:
+        return low * np.sinc(low * d) * np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0))) / np.i0(BETA)
+
+    padded = np.concatenate([np.zeros(reach - 1), x, np.zeros(reach + 1)])
+    around = np.lib.stride_tricks.sliding_window_view(padded, k.size)  # those that the factors of a sample meet
+    y, rows = np.empty(size), max(1, PIECE // k.size)
+    for phase in range(phases if few else 0):
+        out, near = y[phase::phases], around[phase * step // phases :: step]
+        fixed = factors(phase * step % phases / phases - k)
+        for i in range(0, out.size, rows):
+            out[i : i + rows] = np.einsum("ij,j->i", near[i : min(i + rows, out.size)], fixed)
+    for i in range(0, 0 if few else size, rows):
+        t = np.arange(i, min(i + rows, size)) / float(ratio)
+        first = np.floor(t).astype(int)
+        y[i : i + t.size] = np.einsum("ij,ij->i", around[first], factors((t - first)[:, None] - k))
+    return y

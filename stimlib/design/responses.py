@@ -66,7 +66,8 @@ def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
     return np.abs(H)
 
 
-def _largest(h: np.ndarray) -> np.ndarray:
+def largest(h: np.ndarray) -> np.ndarray:
+    """Its largest value, as the size of all."""
     return np.full(h.shape, np.abs(h).max())
 
 
@@ -131,7 +132,7 @@ def sum_of(taps: Numbers) -> Law:
         return sum(h * np.exp(-2j * np.pi * f * k / fs) for k, h in enumerate(taps))
 
     tol = max(1e-12, 2e-15 * len(taps))
-    return Law(below_nyquist, law, tol, f"sum of {len(taps)} taps", size=_largest)
+    return Law(below_nyquist, law, tol, f"sum of {len(taps)} taps", size=largest)
 
 
 def mean_of(n: int) -> Law:
@@ -141,7 +142,7 @@ def mean_of(n: int) -> Law:
         half = np.pi * f / fs
         return np.sin(n * half) / (n * np.sin(half)) * np.exp(-1j * (n - 1) * half)
 
-    return Law(whole_band(200), law, 1e-12, f"mean of {n} samples", size=_largest)
+    return Law(whole_band(200), law, 1e-12, f"mean of {n} samples", size=largest)
 
 
 def biquads(rows: np.ndarray) -> Law:
@@ -152,18 +153,21 @@ def biquads(rows: np.ndarray) -> Law:
         return np.prod([np.polyval(r[:3], z) / np.polyval(r[3:], z) for r in rows], axis=0)
 
     text = f"{len(rows)} second-order sections"
-    return Law(below_nyquist, law, 1e-9, text, size=_largest)
+    return Law(below_nyquist, law, 1e-9, text, size=largest)
 
 
-def resonance(freq: float, q: float, passes: Sequence[float]) -> Law:
-    """(m2 s^2 + m1 s/q + m0)/(s^2 + s/q + 1) at s = i tan(pi f/fs)/tan(pi freq/fs)."""
-    m2, m1, m0 = passes
+def resonance(freq: float, q: float, notched: bool = False) -> Law:
+    """1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q; of a notch what is left to 1.
+
+    Half of the power is where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that are freq/q apart.
+    """
 
     def law(f, fs):
-        s = 1j * np.tan(np.pi * f / fs) / math.tan(math.pi * freq / fs)
-        return (m2 * s * s + m1 * s / q + m0) / (s * s + s / q + 1)
+        w, w0 = 2 * np.pi * f / fs, 2 * math.pi * freq / fs
+        apart = 2 * np.sin((w + w0) / 2) * np.sin((w - w0) / 2) / (np.sin(w) * math.tan(w0 / q / 2))
+        return 1j * apart / (1 + 1j * apart) if notched else 1 / (1 + 1j * apart)
 
-    return Law(whole_band(200), law, 1e-10, f"resonance at {freq:g} Hz, q = {q:g}", size=_largest)
+    return Law(whole_band(200), law, 1e-10, f"resonance at {freq:g} Hz, q = {q:g}", size=largest)
 
 
 def oscillator(freq: float, q: float) -> Law:
@@ -173,7 +177,7 @@ def oscillator(freq: float, q: float) -> Law:
         g = (f[:, None] + ALIASES * fs) / freq
         return np.sum(np.sinc(f[:, None] / fs + ALIASES) ** 2 / (1 - g * g + 1j * g / q), axis=1)
 
-    return Law(whole_band(200), law, 1e-8, f"mode at {freq:g} Hz, q = {q:g}, of straight lines", size=_largest)
+    return Law(whole_band(200), law, 1e-8, f"mode at {freq:g} Hz, q = {q:g}, of straight lines", size=largest)
 
 
 def pole_swap(freq: float, q: float, gain: float) -> Law:
@@ -188,7 +192,7 @@ def pole_swap(freq: float, q: float, gain: float) -> Law:
         h = poles(z, fs, q) / poles(z, fs, q / gain)
         return h[:-1] / abs(h[-1])
 
-    return Law(whole_band(200), law, 1e-10, f"poles at {freq:g} Hz from q = {q:g} to {q / gain:g}", size=_largest)
+    return Law(whole_band(200), law, 1e-10, f"poles at {freq:g} Hz from q = {q:g} to {q / gain:g}", size=largest)
 
 
 def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float) -> Law:
@@ -211,7 +215,7 @@ def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, atte
     def gain(H, f, fs):
         return np.abs(H)
 
-    return Law(below, law, 1e-9, f"{kind} {band} of order {order}", gain, _largest, shapes=True)
+    return Law(below, law, 1e-9, f"{kind} {band} of order {order}", gain, largest, shapes=True)
 
 
 def ring(freq: float, decay: float, onset: str) -> Law:
@@ -223,7 +227,7 @@ def ring(freq: float, decay: float, onset: str) -> Law:
         h = np.exp(-n / (decay * fs)) * (np.sin(turn) if onset == "sine" else np.cos(turn))
         return np.array([np.sum(h * np.exp(-2j * np.pi * (v * n / fs % 1))) for v in f])
 
-    return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=_largest)
+    return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=largest)
 
 
 def band_noise(low: float, high: float, psd: float, order: int) -> Law:
@@ -327,25 +331,24 @@ def running_sum() -> Law:
 
 
 def _order(f: np.ndarray, fs: float, alpha: float, scheme: str) -> np.ndarray:
-    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form."""
+    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form; of creep that of the sum's differences."""
+    if scheme == "straight":
+        return fs * difference(f, fs) * (2j * np.pi * f) ** (alpha - 1)
     return (fs * difference(f, fs)) ** alpha if scheme == "gl" else (2j * np.pi * f) ** alpha
 
 
 def _order_tol(fs: float, alpha: float, scheme: str, tol: float) -> float:
-    return 10 * tol + (1e-12 if scheme == "gl" else (2 * math.pi / 1000) ** max(1.0, 2 - alpha))
+    exponent = 2.0 if scheme == "straight" else max(1.0, 2 - alpha)
+    return 10 * tol + (1e-12 if scheme == "gl" else (2 * math.pi / 1000) ** exponent)
 
 
 def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
     """Orders from 0 to 1, from the horizon up to fs/1000."""
-    text = f"(fs (1 - 1/z))^{alpha:g}" if scheme == "gl" else f"(i w)^{alpha:g}"
+    text = {"gl": f"(fs (1 - 1/z))^{alpha:g}", "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences"}
     low = band(100 / horizon, lambda fs: fs / 1000)
-    return Law(low, lambda f, fs: _order(f, fs, alpha, scheme), _order_tol(fs, alpha, scheme, tol), text)
-
-
-def power(chi: float, alpha: float) -> Law:
-    """chi (i w)^alpha, far below the sample rate."""
-    low = band(0.01, lambda fs: fs / 1000)
-    return Law(low, lambda f, fs: chi * (2j * np.pi * f) ** alpha, 4e-3, f"{chi:g} (i w)^{alpha:g}")
+    return Law(
+        low, lambda f, fs: _order(f, fs, alpha, scheme), _order_tol(fs, alpha, scheme, tol), text.get(scheme, f"(i w)^{alpha:g}")
+    )
 
 
 def series(chi: float, alpha: float, other: float, dashpot: bool, scheme: str, tol: float, horizon: float, fs: float) -> Law:
@@ -360,9 +363,9 @@ def series(chi: float, alpha: float, other: float, dashpot: bool, scheme: str, t
     return Law(band(100 / horizon, lambda fs: fs / 1000), law, limit, "springpot in series with another element")
 
 
-def short_memory(alpha: float, fs: float) -> Law:
-    """Gruenwald and Letnikov's sum over the last 100 samples."""
+def short_memory(alpha: float, memory: float, fs: float) -> Law:
+    """Gruenwald and Letnikov's sum over the last seconds."""
     from scipy.special import binom
 
-    j = np.arange(100)
-    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(text="sum over the last 100 samples")
+    j = np.arange(max(1, round(memory * fs)))
+    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(text=f"sum over the last {memory:g} s")

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.bounds import limits
 from ..errors import BadValue
+from .resample import PIECE
 
 TAPS, BETA = 12, 6.0  # of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to 0.35
 ORDER = 64  # the largest, of either polynomial
@@ -292,9 +293,13 @@ def upsampler(times: int) -> np.ndarray:
     """
     if times == 1:
         return np.eye(1, TAPS)
-    t = np.arange(times)[:, None] / times + np.arange(TAPS) - TAPS / 2  # from the output to each input
-    h = np.sinc(t) * np.i0(BETA * np.sqrt(np.maximum(1 - (2 * t / TAPS) ** 2, 0))) / np.i0(BETA)
-    return h / h.sum(axis=1, keepdims=True)
+    limits.check("state_bytes", 32.0 * TAPS * times, f"texture: bytes to raise its rate {times} times (choose a lower fs)")
+    h = np.empty((times, TAPS))
+    for i in range(0, times, PIECE):
+        t = np.arange(i, min(i + PIECE, times))[:, None] / times + np.arange(TAPS) - TAPS / 2  # from the output to each input
+        part = np.sinc(t) * np.i0(BETA * np.sqrt(np.maximum(1 - (2 * t / TAPS) ** 2, 0))) / np.i0(BETA)
+        h[i : i + PIECE] = part / part.sum(axis=1, keepdims=True)
+    return h
 
 
 def made_up(pairs: int = 3, speeds=(0.0, 0.02, 0.06, 0.15), forces=(0.0, 0.3, 1.0, 2.5), rate: float = 1000.0) -> TextureModel:
