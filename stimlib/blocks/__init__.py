@@ -1,6 +1,6 @@
 """What researchers compose: one lower-case function per block."""
 
-from ..core.graph import constant, enabled
+from ..core.graph import constant, enabled, segment
 from ..core.loops import loop
 from ..design.texture_file import load_texture, save_texture
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
@@ -49,8 +49,8 @@ __all__ = [
     "friction", "generalized_maxwell", "grain", "grating", "highpass", "hysteresis", "indentation", "integrate", "kelvin_voigt",
     "load_texture", "loading", "log", "loop", "lowpass", "lut", "lut2", "maximum", "maxwell", "minimum", "mode", "mode_shape",
     "motor_current", "moving_average", "nonzero", "notch", "once_within", "oscillator", "pink_noise", "pinking", "playback",
-    "pole_swap", "press", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "sin", "skin_drive",
-    "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt",
+    "pole_swap", "press", "pulse_train", "resonator", "ring", "rising", "sample_and_hold", "save_texture", "segment", "sin",
+    "skin_drive", "slew_limit", "sos", "spatial_noise", "spring", "springpot", "springpot_series", "springpot_stiffness", "sqrt",
     "standard_linear_solid", "static_limit", "stick_slip", "stiffness_map", "svf", "tanh", "texture", "timeline", "track",
     "track_velocity", "triangle", "velocity", "vibration", "wall", "where", "white_noise",
 ]  # fmt: skip

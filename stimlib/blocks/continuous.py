@@ -54,7 +54,7 @@ def springpot_stiffness(chi: float, alpha: float, w) -> Stiffness:
     (600.0, 0.785398, True)
     """
     _orders("springpot_stiffness", alpha=alpha)
-    _not_negative("springpot_stiffness", chi=chi)
+    _positive("springpot_stiffness", True, chi=chi)
     w = _axis("springpot_stiffness", w=w)
     size = chi * w**alpha
     across, along = math.sin(alpha * math.pi / 2), math.sin((1 - alpha) * math.pi / 2)
@@ -95,7 +95,7 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
     119.68
     """
     _orders("equal_force", alpha1=alpha1, alpha2=alpha2)
-    _not_negative("equal_force", chi1=chi1)
+    _positive("equal_force", True, chi1=chi1)
     _positive("equal_force", w=w)
     return chi1 * w ** (alpha1 - alpha2)
 
@@ -257,16 +257,10 @@ def _orders(name: str, **orders: float) -> None:
             raise BadValue(f"{name}: {what} = {alpha} must be from 0 (spring) to 1 (dashpot)")
 
 
-def _positive(name: str, **numbers: float) -> None:
+def _positive(name: str, or_0: bool = False, **numbers: float) -> None:
     for what, v in numbers.items():
-        if not (math.isfinite(v) and v > 0):
-            raise BadValue(f"{name}: {what} = {v} must be above 0")
-
-
-def _not_negative(name: str, **numbers: float) -> None:
-    for what, v in numbers.items():
-        if not (math.isfinite(v) and v >= 0):
-            raise BadValue(f"{name}: {what} = {v} must not be below 0")
+        if not (math.isfinite(v) and (v > 0 or (or_0 and v == 0))):
+            raise BadValue(f"{name}: {what} = {v} must {'not be below' if or_0 else 'be above'} 0")
 
 
 def _axis(name: str, **axis) -> np.ndarray:

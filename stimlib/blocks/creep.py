@@ -1,6 +1,8 @@
 """Creep: force in, displacement out, of springs and dampers in series (``relaxation`` has the equations) and of the springpot.
 
-The chains are exact for forces that are straight between samples; before the first sample there is no force.
+All share one convention of time: a sample of the output is the displacement at that sample, under a force that is straight
+between samples.  Before the first sample there is no force, so the first value is reached from 0 within one sample.  The
+chains, and the springpot with ``scheme="l1"``, are exact for that force; ``scheme="gl"`` comes near it as 1/fs.
 """
 
 from __future__ import annotations
@@ -15,12 +17,15 @@ from ..core.graph import Block, as_block, constant
 from ..core.maths import copy, fma, memory
 from ..core.response import backward
 from ..core.units import unit
+from ..design import exponentials as soe
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue, UnitError
 from .fractional import Springpot
-from .impedance import with_unit
-from .relaxation import SCRATCH, check_lists, number, sampled, time_constant
+from .impedance import sampled, with_unit
+from .onset import begun
+from .relaxation import SCRATCH, check_lists, plain, time_constant
+from .running import Integrate
 from .springpot import coefficient
 
 
@@ -91,7 +96,9 @@ class KelvinChain(Block):
 
 
 def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:
-    """Displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.  It flows for as long as the force acts.
+    """Return the displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.
+
+    It flows for as long as the force acts, so there is no steady start: before the first sample there is no force.
 
     Parameters
     ----------
@@ -129,19 +136,21 @@ def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None
     >>> float(y[-1].round(6))  # 1/100 + 0.9995/50
     0.02999
     """
-    tau, gain = time_constant("compliance_maxwell", k, b, tau), number(k)
-    if gain is None:
-        return _over(KelvinChain(as_block(f), 1.0, [], [], 1 / tau), k, f)  # type: ignore[arg-type]
-    return compliance_generalized_kelvin_voigt(f, [], k0=gain, b=gain * tau if b is None else b)
+    tau = time_constant("compliance_maxwell", k, b, tau)
+    return _over(KelvinChain(as_block(f), 1.0, [], [], 1 / tau), k, f)  # type: ignore[arg-type]
 
 
-def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:
-    """Displacement of a spring and a damper side by side under a force: k y + b y' = f.  It creeps towards f/k.
+def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float | None = None, onset: str = "step") -> Block:
+    """Return the displacement of a spring and a damper side by side under a force: k y + b y' = f.
+
+    It creeps towards f/k.
 
     Parameters
     ----------
     f, k, b, tau
         As for ``compliance_maxwell``.
+    onset : {"step", "steady"}
+        Whether there was no force before the first sample, or it has always been as it is there, and y at f/k.
 
     Returns
     -------
@@ -168,14 +177,15 @@ def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float |
     >>> bool(np.allclose(y[:501], exact[:501], rtol=1e-13))
     True
     """
-    tau, gain = time_constant("compliance_kelvin_voigt", k, b, tau), number(k)
-    if gain is None:
-        return _over(KelvinChain(as_block(f), 0.0, [1.0], [tau], 0.0), k, f)  # type: ignore[arg-type]
-    return compliance_generalized_kelvin_voigt(f, [(gain, tau)])
+    tau = time_constant("compliance_kelvin_voigt", k, b, tau)
+    y = begun("compliance_kelvin_voigt", f, onset, lambda g: KelvinChain(g, 0.0, [1.0], [tau], 0.0), lambda y: 1.0)  # type: ignore[arg-type]
+    return _over(y, k, f)
 
 
-def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None = None, b: float | None = None) -> Block:
-    """Displacement of a chain under a force: Kelvin-Voigt elements in series, and a spring and a damper if given.
+def compliance_generalized_kelvin_voigt(
+    f: Block, elements, *, k0: float | None = None, b: float | None = None, onset: str = "step"
+) -> Block:
+    """Return the displacement of a chain under a force: Kelvin-Voigt elements, and a spring and a damper if given.
 
     The dual of ``generalized_maxwell``; all elements run as one bank.
 
@@ -189,6 +199,9 @@ def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None 
         Stiffness in N/m of a spring in the chain, which answers at once.
     b : float, optional
         Damping in N s/m of a damper in the chain, which flows for ever.
+    onset : {"step", "steady"}
+        Whether there was no force before the first sample, or it has always been as it is there.  With a damper
+        there is no steady start: under a constant force it has flowed without end.
 
     Returns
     -------
@@ -198,7 +211,7 @@ def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None 
     Raises
     ------
     BadValue
-        Nothing in the chain; a number not above 0.
+        Nothing in the chain; a number not above 0; a steady start with a damper.
     UnitError
         If the result is not a length.
 
@@ -220,10 +233,17 @@ def compliance_generalized_kelvin_voigt(f: Block, elements, *, k0: float | None 
         raise BadValue("compliance_generalized_kelvin_voigt: elements must be pairs (stiffness in N/m, time constant in s)")
     if not elements and k0 is None and b is None:
         raise BadValue("compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b")
-    k = [_plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
-    direct = 0.0 if k0 is None else 1 / _plain("compliance_generalized_kelvin_voigt", "k0", k0)
-    flow = 0.0 if b is None else 1 / _plain("compliance_generalized_kelvin_voigt", "b", b)
-    chain = KelvinChain(as_block(f), direct, [1 / v for v in k], [e[1] for e in elements], flow)  # type: ignore[arg-type]
+    k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
+    direct = 0.0 if k0 is None else 1 / plain("compliance_generalized_kelvin_voigt", "k0", k0)
+    flow = 0.0 if b is None else 1 / plain("compliance_generalized_kelvin_voigt", "b", b)
+    j, tau = [1 / v for v in k], [e[1] for e in elements]
+    chain = begun(
+        "compliance_generalized_kelvin_voigt",
+        f,
+        onset,
+        lambda g: KelvinChain(g, direct, j, tau, flow),  # type: ignore[arg-type]
+        lambda y: math.inf if flow else direct + math.fsum(j),
+    )
     return _over(chain, constant(1.0, "N/m"), f)
 
 
@@ -237,57 +257,12 @@ def _over(y: Block, k, f) -> Block:
     return out
 
 
-def _plain(name: str, field: str, v) -> float:
-    value = number(v)
-    if value is None:
-        raise BadValue(f"{name}: {field} = {v!r} must be a plain number; a live gain is multiplied")
-    if not value > 0:
-        raise BadValue(f"{name}: {field} = {value:g} must be above 0")
-    return value
-
-
 # The springpot -------------------------------------------------------------------------------------------------------
-class IntegralParams(NamedTuple):
-    h: float
-
-
-class IntegralState(NamedTuple):
-    z: float
-    low: float  # what z has lost to rounding
-
-
-@dataclass(frozen=True, eq=False)
-class Integral(Block):
-    """z[n] = z[n-1] + x[n]/fs, the sum kept in two words; starts at 0."""
-
-    x: Block
-
-    def units(self, *u):
-        return u[0] * unit("s")
-
-    def design(self, fs):
-        return IntegralParams(1 / fs), IntegralState(0.0, 0.0)
-
-    def laws(self, fs):
-        return (responses.running_sum(),)
-
-    @staticmethod
-    def step(p, s, x):
-        add = x * p.h + s.low
-        z = s.z + add
-        back = z - s.z
-        return z, IntegralState(z, (s.z - (z - back)) + (add - back))
-
-    @staticmethod
-    def transfer(p, z):
-        return p.h / backward(z)
-
-
 def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-10, horizon: float = 86400.0) -> Block:
-    """Displacement of a springpot under a force, y = I^alpha f / chi: the dual of ``springpot``; free of load before.
+    """Return the displacement of a springpot under a force, y = I^alpha f / chi: the dual of ``springpot``.
 
-    The fractional integral of order alpha is the derivative of order 1 - alpha of the running integral of f, whose
-    Gruenwald-Letnikov weights it has exactly.
+    Before the first sample there is no force.  There is no steady start, as a constant force has no steady displacement:
+    it creeps for ever.
 
     Parameters
     ----------
@@ -298,7 +273,9 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
     alpha : float
         Order from 0 (spring, y = f/chi) to 1 (dashpot, y = integral of f/chi).
     scheme : {"gl", "l1"}
-        "l1" is exact for forces that are held between samples.
+        "l1" is exact for forces that are straight between samples, as the other blocks of creep are; recommended.
+        "gl" is the inverse of the springpot's "gl": it has the weights of Gruenwald and Letnikov, and is early
+        by alpha/2 samples.
     tol, horizon : float
         See ``springpot``; the bound is on the sum over |f|/fs.
 
@@ -316,12 +293,17 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
 
     Notes
     -----
+    With "l1", y[n] = sum_j w_j f[n-j]/(chi fs^alpha), w_0 = 1/Gamma(2 + alpha) and, behind it,
+    w_j = ((j + 1)^(1 + alpha) - 2 j^(1 + alpha) + (j - 1)^(1 + alpha))/Gamma(2 + alpha).  With "gl" it is the derivative of
+    order 1 - alpha of the running integral of f.  So is "l1", with weights of its own.
+
     The running integral grows without end under a lasting force; its rounding adds an error of about
     2^-53 (t fs)^(1 - alpha) of y: 2e-13 after an hour at 1 kHz for alpha = 0.5, 2e-10 for alpha = 0.05.
 
     References
     ----------
-    Çaldıran's thesis, figure 1.1b (creep).
+    Çaldıran's thesis, figure 1.1b (creep).  Diethelm, Ford and Freed (2004), Numerical Algorithms 36:31: the product
+    trapezoidal rule, which "l1" is.
 
     Examples
     --------
@@ -330,18 +312,23 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
     >>> from stimlib.blocks import compliance
     >>> f = stimlib.Input("f", "N")
     >>> proc = stimlib.compile(stimlib.Scene({"y": compliance(f, chi=100.0, alpha=0.5, scheme="l1")}), fs=1000)
-    >>> y = proc.process(np.ones((1, 1000)))[0]  # 1 N from the first sample on
-    >>> bool(np.allclose(y, (np.arange(1, 1001) / 1000) ** 0.5 / (100 * gamma(1.5)), rtol=1e-9))
+    >>> t = np.arange(1000) / 1000
+    >>> y = proc.process(t[None])[0]  # 1 N/s
+    >>> bool(np.allclose(y, t**1.5 / (100 * gamma(2.5)), rtol=1e-9))
     True
     """
     f = as_block(f)
     if f.dim != unit("N"):
         raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
+    if scheme not in soe.SCHEMES:
+        raise BadValue(f"compliance: scheme = {scheme!r}; choose one of {', '.join(soe.SCHEMES)}")
     number = f / constant(1.0, "N")
     metre = constant(1.0, "m")
     if alpha == 0:
-        return metre * number / coefficient(chi)
-    z = Integral(number) / constant(1.0, "s")
-    if alpha == 1:
-        return metre * z / coefficient(chi)
-    return metre * Springpot(z, as_block(1.0), 1.0 - alpha, scheme, tol, horizon, "step") / coefficient(chi)
+        y = number
+    elif alpha == 1 and scheme == "l1":
+        y = KelvinChain(number, 0.0, [], [], 1.0)  # type: ignore[arg-type]
+    else:
+        total = Integrate(number, 0.0, held=True) / constant(1.0, "s")
+        y = Springpot(total, as_block(1.0), 1.0 - alpha, {"l1": soe.STRAIGHT}.get(scheme, scheme), tol, horizon, "step")
+    return metre * y / coefficient(chi)

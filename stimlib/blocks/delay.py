@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import NONE, ONE, Block, as_block
+from ..core.graph import NONE, ONE, Block
 from ..core.maths import where
 from ..design import responses
 from ..errors import BadValue
+from .onset import begun
 
 
 class DelayParams(NamedTuple):
@@ -70,8 +71,8 @@ class Delay(Block):
         return int(p.n)
 
 
-def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
-    """x, later by a whole number of samples; 0 before the first.
+def delay(x, samples: int | None = None, seconds: float | None = None, onset: str = "step") -> Block:
+    """Delay a signal by a whole number of samples.
 
     Parameters
     ----------
@@ -80,11 +81,13 @@ def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
         At least 1.
     seconds : float, optional
         Rounded to whole samples at compile time.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
 
     Raises
     ------
     BadValue
-        Neither or both given; less than one sample.
+        Neither or both given; less than one sample; an unknown onset.
 
     Examples
     --------
@@ -96,4 +99,4 @@ def delay(x, samples: int | None = None, seconds: float | None = None) -> Block:
     """
     if isinstance(samples, float):
         raise BadValue(f"delay: samples = {samples!r} must be a whole number; a time is delay(x, seconds={samples!r})")
-    return Delay(as_block(x), samples, seconds)
+    return begun("delay", x, onset, lambda u: Delay(u, samples, seconds), lambda y: 1.0)

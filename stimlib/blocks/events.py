@@ -407,7 +407,7 @@ class OnceWithin(Event):
         positive(self, "refractory")
 
     def design(self, fs):
-        return Wait(float(min(max(1, round(self.refractory * fs)), 2**62))), Left(NONE)
+        return Wait(float(max(1, round(min(self.refractory * fs, 2.0**62))))), Left(NONE)
 
     @staticmethod
     def step(p, s, event):

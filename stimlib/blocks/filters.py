@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.graph import Block, as_block
+from ..core.graph import Block
 from ..core.maths import TINY, flush, fma
 from ..core.response import backward
 from ..design import responses
 from ..design.sections import BANDS, KINDS, ORDERS, Sections, designed, from_polynomials, sections
 from ..errors import BadValue
+from .onset import begun
 
 
 class CascadeParams(NamedTuple):
@@ -138,8 +139,21 @@ class Filter(Cascade):
         return (responses.family(self.band, tuple(self.edges.values()), self.order, self.kind, self.ripple, self.attenuation),)
 
 
-def lowpass(x, cutoff: float, order: int = 2, kind: str = "butterworth", ripple: float = 1.0, attenuation: float = 60.0) -> Block:
-    """What is slower than the cutoff.
+def _level(y: Filter) -> float:
+    """Gain at 0 Hz of a filter that passes it: of an even order, ripples begin with a trough."""
+    return 10 ** (-y.ripple / 20) if y.kind in ("chebyshev1", "elliptic") and y.order % 2 == 0 else 1.0
+
+
+def lowpass(
+    x,
+    cutoff: float,
+    order: int = 2,
+    kind: str = "butterworth",
+    ripple: float = 1.0,
+    attenuation: float = 60.0,
+    onset: str = "step",
+) -> Block:
+    """Pass what is slower than the cutoff.
 
     Its response is that of the analogue filter at the frequency i tan(pi f/fs), scaled so that the cutoff is where it should be
     (the bilinear transform).  It is computed to 1e-13 of its peak, whatever the cutoff is, from 1e-6 to 0.45 fs.
@@ -157,17 +171,20 @@ def lowpass(x, cutoff: float, order: int = 2, kind: str = "butterworth", ripple:
         Of the pass band in dB; for chebyshev1 and elliptic.
     attenuation : float
         Of the stop band in dB; for elliptic.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there: "steady" for a position, which
+        would else begin with a jump from 0.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Raises
     ------
     BadValue
-        An unknown kind, an order that there is not, a cutoff not above 0, ripple not between 0 and attenuation; at compile
-        time, a cutoff not below fs/2.
+        An unknown kind or onset, an order that there is not, a cutoff not above 0, ripple not between 0 and attenuation;
+        at compile time, a cutoff not below fs/2.
 
     References
     ----------
@@ -182,24 +199,30 @@ def lowpass(x, cutoff: float, order: int = 2, kind: str = "butterworth", ripple:
     >>> (20 * np.log10(abs(proc.response("y", "x", np.array([1.0, 100, 200]))))).round(1) + 0.0
     array([  0. ,  -3. , -24.2])
     """
-    return Filter(as_block(x), "lowpass", cutoff, None, order, kind, ripple, attenuation)
+    return begun("lowpass", x, onset, lambda u: Filter(u, "lowpass", cutoff, None, order, kind, ripple, attenuation), _level)
 
 
 def highpass(
-    x, cutoff: float, order: int = 2, kind: str = "butterworth", ripple: float = 1.0, attenuation: float = 60.0
+    x,
+    cutoff: float,
+    order: int = 2,
+    kind: str = "butterworth",
+    ripple: float = 1.0,
+    attenuation: float = 60.0,
+    onset: str = "step",
 ) -> Block:
-    """What is faster than the cutoff; see ``lowpass`` for parameters, errors and sources.
+    """Pass what is faster than the cutoff; see ``lowpass`` for parameters, errors and sources.
 
     Parameters
     ----------
     x : Block
-    cutoff, order, kind, ripple, attenuation
+    cutoff, order, kind, ripple, attenuation, onset
         As of ``lowpass``.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Examples
     --------
@@ -209,13 +232,20 @@ def highpass(
     >>> abs(proc.response("y", "x", np.array([0.0, 100, 4000]))).round(3)
     array([0.   , 0.707, 1.   ])
     """
-    return Filter(as_block(x), "highpass", cutoff, None, order, kind, ripple, attenuation)
+    return begun("highpass", x, onset, lambda u: Filter(u, "highpass", cutoff, None, order, kind, ripple, attenuation))
 
 
 def bandpass(
-    x, low: float, high: float, order: int = 2, kind: str = "butterworth", ripple: float = 1.0, attenuation: float = 60.0
+    x,
+    low: float,
+    high: float,
+    order: int = 2,
+    kind: str = "butterworth",
+    ripple: float = 1.0,
+    attenuation: float = 60.0,
+    onset: str = "step",
 ) -> Block:
-    """What lies between two frequencies.
+    """Pass what lies between two frequencies.
 
     It is computed to 2e-13 + 4e-15 high/(high - low) of its peak: a narrow band is as exact as its poles are numbers.
 
@@ -226,13 +256,13 @@ def bandpass(
         Edges of the pass band in Hz; the gain there is as at the cutoff of ``lowpass``.
     order : int
         Of each flank, 1 to 12: the filter has twice as many poles, as in scipy.
-    kind, ripple, attenuation
+    kind, ripple, attenuation, onset
         As of ``lowpass``.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Raises
     ------
@@ -247,26 +277,33 @@ def bandpass(
     >>> abs(proc.response("y", "x", np.array([0.0, 100, 170, 300, 1000]))).round(3)
     array([0.   , 0.707, 1.   , 0.707, 0.038])
     """
-    return Filter(as_block(x), "bandpass", low, high, order, kind, ripple, attenuation)
+    return begun("bandpass", x, onset, lambda u: Filter(u, "bandpass", low, high, order, kind, ripple, attenuation))
 
 
 def bandstop(
-    x, low: float, high: float, order: int = 2, kind: str = "butterworth", ripple: float = 1.0, attenuation: float = 60.0
+    x,
+    low: float,
+    high: float,
+    order: int = 2,
+    kind: str = "butterworth",
+    ripple: float = 1.0,
+    attenuation: float = 60.0,
+    onset: str = "step",
 ) -> Block:
-    """All but what lies between two frequencies; see ``bandpass`` for parameters and errors.
+    """Take away what lies between two frequencies; see ``bandpass`` for parameters and errors.
 
     It is computed to 2e-13 + 4e-15 high/(high - low) + 4e-14 high/low of its peak.
 
     Parameters
     ----------
     x : Block
-    low, high, order, kind, ripple, attenuation
+    low, high, order, kind, ripple, attenuation, onset
         As of ``bandpass``.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Examples
     --------
@@ -276,7 +313,7 @@ def bandstop(
     >>> abs(proc.response("y", "x", np.array([10.0, 49, 60, 200]))).round(2)
     array([1.  , 0.  , 0.71, 1.  ])
     """
-    return Filter(as_block(x), "bandstop", low, high, order, kind, ripple, attenuation)
+    return begun("bandstop", x, onset, lambda u: Filter(u, "bandstop", low, high, order, kind, ripple, attenuation), _level)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +343,8 @@ class Sos(Cascade):
         return (responses.biquads(self.rows),)
 
 
-def sos(x, rows) -> Block:
-    """Second-order sections with given numbers, such as those of ``scipy.signal``: for a filter that one sample rate is for.
+def sos(x, rows, onset: str = "step") -> Block:
+    """Run second-order sections with given numbers, such as those of ``scipy.signal``, which are for one sample rate.
 
     Parameters
     ----------
@@ -315,11 +352,13 @@ def sos(x, rows) -> Block:
     rows : array_like, shape (sections, 6)
         b0, b1, b2, a0, a1, a2 of each of at most 12.  The same cascade as all filters here computes them, so they lose nothing
         more; what scipy lost at a low cutoff when it made them is lost: ``lowpass`` and the others make their own.
+    onset : {"step", "steady"}
+        As of ``lowpass``; "steady" is what ``sosfilt_zi`` is for.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Raises
     ------
@@ -334,4 +373,6 @@ def sos(x, rows) -> Block:
     >>> proc.process(np.array([[1.0, 0.0, 0.0, 0.0]]))
     array([[0.5   , 0.25  , 0.125 , 0.0625]])
     """
-    return Sos(as_block(x), rows)
+    return begun(
+        "sos", x, onset, lambda u: Sos(u, rows), lambda y: np.prod(y.rows[:, :3].sum(axis=1) / y.rows[:, 3:].sum(axis=1))
+    )

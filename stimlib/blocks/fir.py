@@ -16,6 +16,7 @@ from ..design import responses
 from ..design.differentiator import differentiator_order, differentiator_taps
 from ..design.minimax import asked_by
 from ..errors import BadValue
+from .onset import begun
 
 
 class FirParams(NamedTuple):
@@ -97,8 +98,8 @@ class Taps(Fir):
         return (responses.sum_of(self.taps),)
 
 
-def fir(x: Block, taps, unit: str = "") -> Block:
-    """A filter with finite impulse response, y[n] = sum_k taps[k] x[n-k]; starts at rest.
+def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
+    """Run a filter with finite impulse response, y[n] = sum_k taps[k] x[n-k].
 
     Parameters
     ----------
@@ -106,11 +107,13 @@ def fir(x: Block, taps, unit: str = "") -> Block:
     taps : array_like, shape (order + 1,)
     unit : str
         Unit of the taps.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
 
     Raises
     ------
     BadValue
-        No taps, all zero, or not finite.
+        No taps, all zero, or not finite; an unknown onset.
 
     Examples
     --------
@@ -120,7 +123,7 @@ def fir(x: Block, taps, unit: str = "") -> Block:
     >>> proc.process(np.array([[1.0, 1.0, 3.0]]))
     array([[0.5, 1. , 2. ]])
     """
-    return Taps(x, taps, unit)
+    return begun("fir", x, onset, lambda u: Taps(u, taps, unit), lambda y: float(y.taps.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +182,14 @@ RATE = un.Unit((("second", -1.0),))
 
 
 def differentiator(
-    x: Block, passband: float | None = None, stopband: float | None = None, order: int | None = None, tol: float = 1e-6
+    x: Block,
+    passband: float | None = None,
+    stopband: float | None = None,
+    order: int | None = None,
+    tol: float = 1e-6,
+    onset: str = "step",
 ) -> Block:
-    """Band-limited FIR differentiator with linear phase (type III, near-minimax); starts at rest.
+    """Differentiate in a band by a FIR filter with linear phase (type III, near-minimax).
 
     Parameters
     ----------
@@ -195,6 +203,9 @@ def differentiator(
         Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
     tol : float
         Largest relative error in the pass band; an order that cannot meet it is an error.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there: "steady" for a position, which
+        would else begin with the velocity of a jump from 0.
 
     Returns
     -------
@@ -204,7 +215,8 @@ def differentiator(
     Raises
     ------
     BadValue
-        At compile time: a pass band that does not fit below fs/2; an order too low for tol (the message names the order needed).
+        An unknown onset; at compile time, a pass band that does not fit below fs/2, or an order too low for tol (the
+        message names the order needed).
 
     References
     ----------
@@ -218,4 +230,4 @@ def differentiator(
     >>> abs(proc.response("v", "x", np.array([100.0])) / (2 * np.pi * 100)).round(5)
     array([1.])
     """
-    return Differentiator(x, passband, stopband, order, tol)
+    return begun("differentiator", x, onset, lambda u: Differentiator(u, passband, stopband, order, tol))

@@ -23,10 +23,10 @@ from ..design import exponentials as soe
 from ..design import responses
 from ..design.eights import eights, padded
 from ..errors import BadValue, UnitError
+from .onset import ONSETS, check_onset
 from .table import Table, TableParams
 
 METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")
-ONSETS = {"rest": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
 
 NAN, PI = math.nan, math.pi
 COEFFICIENTS = soe.DEGREE + 1
@@ -122,14 +122,13 @@ def force_unit(name: str, y: un.Unit) -> un.Unit:
     return unit("N")
 
 
-def check_fields(b) -> None:
+def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
     """Raise BadValue where a design number of a springpot makes no sense."""
-    positive(b, "horizon")
-    if b.onset not in ONSETS:
-        raise BadValue(f"springpot: onset = {b.onset!r}; choose one of {', '.join(ONSETS)}")
+    positive(b, "seconds" if hasattr(b, "seconds") else "horizon")
+    check_onset("springpot", getattr(b, "onset", "step"))
     if hasattr(b, "tol"):
         soe.rates(b.tol, 1e6)
-        if b.scheme not in soe.SCHEMES:
+        if b.scheme not in schemes:
             raise BadValue(f"springpot: scheme = {b.scheme!r}; choose one of {', '.join(METHODS)}")
     if hasattr(b, "order") and not 0 <= b.order <= 1:
         raise BadValue(f"springpot: alpha = {b.order:g} must be from 0 (spring) to 1 (dashpot)")
@@ -141,6 +140,9 @@ class Springpot(Block):
     """D^alpha y of a fixed order, for chi = 1.
 
     f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),  b_k += d[n-8] - e_k b_k.
+
+    With the scheme "straight", y is the running sum of a force that is straight between samples, and what comes out is
+    that force's fractional integral: see ``compliance``.
     """
 
     y: Block
@@ -153,7 +155,7 @@ class Springpot(Block):
     resettable = True
 
     def check(self):
-        check_fields(self)
+        check_fields(self, (*soe.SCHEMES, soe.STRAIGHT))
 
     def units(self, *u):
         return force_unit("springpot", u[0])
@@ -162,7 +164,7 @@ class Springpot(Block):
         if self.order in (0.0, 1.0):
             none = np.zeros(0)
             return SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs), first_state(self.onset)
-        rates = soe.rates(self.tol, self.horizon * fs)
+        rates = soe.rates(self.tol, self.horizon * fs, self.scheme)
         w = soe.weights(rates, self.scheme, self.order)
         e = leaks(rates)
         p = SpringpotParams(e, padded(w.modes), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs)
@@ -333,8 +335,7 @@ class PathLength(Block):
     resettable = True
 
     def check(self):
-        if self.onset not in ONSETS:
-            raise BadValue(f"path length: onset = {self.onset!r}; choose one of {', '.join(ONSETS)}")
+        check_onset("path length", self.onset)
 
     def design(self, fs):
         return (), PathState(0.0, 0.0, ONSETS[self.onset])

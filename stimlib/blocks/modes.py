@@ -78,7 +78,7 @@ class Pinking(Modes):
 
 
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
-    """The 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; linear, starts at rest.
+    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; before the first sample x was 0.
 
     Parameters
     ----------

@@ -21,6 +21,7 @@ from ..errors import BadValue, UnitError
 from .filters import Cascade, below_half, cascade
 from .impedance import with_unit
 from .maps import clip
+from .onset import begun
 
 INT = np.int64
 CELLS = 256.0  # pieces of a shape along each axis
@@ -89,8 +90,8 @@ class Mode(Block):
         return (p.c - p.r) / p.s * p.rise / p.m
 
 
-def mode(x, freq: float, q: float) -> Block:
-    """One mode of something that vibrates: a mass on a spring, driven by x; its gain is 1 at 0 Hz and q at its resonance.
+def mode(x, freq: float, q: float, onset: str = "step") -> Block:
+    """Drive one mode of something that vibrates, a mass on a spring; its gain is 1 at 0 Hz and q at its resonance.
 
     Exact at every sample rate for an x that is straight between samples, as ``first_order`` is.
 
@@ -100,12 +101,14 @@ def mode(x, freq: float, q: float) -> Block:
     freq : float
         Natural frequency in Hz.
     q : float
-        Quality, above 0.5: the gain at the resonance.
+        Quality, above 0.5: the gain at the resonance.  It rings with a time constant of q/(pi freq) seconds.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
 
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x.
 
     Raises
     ------
@@ -129,7 +132,7 @@ def mode(x, freq: float, q: float) -> Block:
     >>> abs(proc.response("y", "x", np.array([0.0, 79.0, 158.0, 316.0]))).round(3)
     array([1.   , 1.33 , 9.987, 0.331])
     """
-    return Mode(as_block(x), freq, q)
+    return begun("mode", x, onset, lambda u: Mode(u, freq, q), lambda y: 1.0)
 
 
 class Grid(NamedTuple):
@@ -378,7 +381,7 @@ def pole_swap(x, freq: float, q: float, gain: float, v_max: float | Block | None
     Returns
     -------
     Block
-        In the unit of x; starts at rest.
+        In the unit of x; before the first sample x was 0.
 
     Raises
     ------

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,46 +32,12 @@ from ..core.units import unit
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue, UnitError
-from .fractional import ONSETS, origin
-from .impedance import spring
+from .fractional import origin
+from .impedance import sampled, spring
 from .maps import Where
+from .onset import ONSETS, check_onset
 
 SCRATCH = 512  # words that ``memory`` needs; differences stand behind them
-
-
-class Sampled(NamedTuple):
-    """What one time constant becomes at a sample rate, all to rounding."""
-
-    e: float  # 1 - exp(-a)
-    g: float  # e/a
-    h: float  # 1 - e/a
-
-
-def sampled(a: float) -> Sampled:
-    """e = 1 - exp(-a), g = e/a and h = 1 - g, for a = 1/(tau fs) from 0 on, without cancellation.
-
-    Parameters
-    ----------
-    a : float
-        Sample period over time constant, not below 0.
-
-    Examples
-    --------
-    >>> from stimlib.blocks.relaxation import sampled
-    >>> sampled(1e-20)
-    Sampled(e=1e-20, g=1.0, h=5e-21)
-    >>> sampled(1e20)
-    Sampled(e=1.0, g=1e-20, h=1.0)
-    """
-    e = -math.expm1(-a)
-    if a < 1.0:  # h = sum_{n>0} (-1)^(n+1) a^n/(n+1)!; above 1 at most one bit of 1 - g cancels
-        term = a / 2
-        terms = [term]
-        for n in range(3, 22):
-            term *= -a / n
-            terms.append(term)
-        return Sampled(e, e / a if a > 0 else 1.0, math.fsum(terms))
-    return Sampled(e, e / a, 1 - e / a)
 
 
 def check_lists(b: Any, values: np.ndarray, name: str) -> None:
@@ -89,22 +57,22 @@ def number(v) -> float | None:
     return b.value if isinstance(b, Const) and b.dim in (un.ONE, unit("N/m")) else None
 
 
+def plain(name: str, field: str, v) -> float:
+    """A number above 0; BadValue for anything else."""
+    value = number(v)
+    if value is None or not value > 0:
+        raise BadValue(f"{name}: {field} = {v!r} must be a plain number above 0; a live gain is multiplied")
+    return value
+
+
 def time_constant(name: str, k, b, tau) -> float:
     """tau, or b/k, from arguments of which one must be there."""
     if (b is None) == (tau is None):
         raise BadValue(f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k")
-    value = number(k)
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise BadValue(f"{name}: k = {value:g} must be above 0")
-    if tau is None:
-        if value is None:
-            raise BadValue(f"{name}: with the signal {k!r} as stiffness give tau in s: a time constant cannot be live")
-        if isinstance(b, Block) or not (math.isfinite(b) and b > 0):
-            raise BadValue(f"{name}: b = {b} must be a plain number above 0")
-        tau = b / value
-    if isinstance(tau, Block) or not (math.isfinite(tau) and tau > 0):
-        raise BadValue(f"{name}: tau = {tau} must be a plain number above 0")
-    return float(tau)
+    if number(k) is None and tau is None:
+        raise BadValue(f"{name}: with the signal {k!r} as stiffness give tau in s: a time constant cannot be live")
+    stiffness = 1.0 if number(k) is None else plain(name, "k", k)
+    return plain(name, "tau", plain(name, "b", b) / stiffness if tau is None else tau)
 
 
 class ArmsParams(NamedTuple):
@@ -132,8 +100,7 @@ class MaxwellArms(Block):
 
     def check(self):
         check_lists(self, self.k, "k")
-        if self.onset not in ONSETS:
-            raise BadValue(f"maxwell: onset = {self.onset!r}; choose one of {', '.join(ONSETS)}")
+        check_onset("maxwell", self.onset)
 
     def design(self, fs):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
@@ -176,7 +143,7 @@ class MaxwellArms(Block):
         return float(np.sum(damping * late) / np.sum(damping))
 
 
-def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, onset: str = "rest", contact=None) -> Block:
+def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, onset: str = "steady", contact=None) -> Block:
     """Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.  The force of a held position decays with tau = b/k.
 
     Exact for positions that are straight between samples, for any tau: much faster than a sample it is a damper, much slower
@@ -192,7 +159,7 @@ def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, on
         Damping in N s/m.
     tau : float
         Time constant b/k in s, in place of b.
-    onset : {"rest", "step"}
+    onset : {"steady", "step"}
         Whether the first position is where y has always been, or is reached from 0 in one sample.
     contact : Block, optional
         Where it is not above 0 the force is 0; at re-contact the arm starts anew, at rest.
@@ -226,7 +193,7 @@ def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, on
     return generalized_maxwell(y, 0.0, [(k, time_constant("maxwell", k, b, tau))], onset=onset, contact=contact)
 
 
-def generalized_maxwell(y: Block, k0, arms, *, onset: str = "rest", contact=None) -> Block:
+def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=None) -> Block:
     """A spring and any number of Maxwell arms side by side.  All arms with plain numbers run as one bank.
 
     Parameters
@@ -237,7 +204,7 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "rest", contact=None
         Stiffness in N/m of the spring, what remains when all arms have relaxed.
     arms : sequence of (k, tau)
         Stiffness in N/m (a number, or a Block such as a ``Param``) and time constant in s of each arm.
-    onset : {"rest", "step"}
+    onset : {"steady", "step"}
         Whether the first position is where y has always been, so that the arms have relaxed there, or is reached from 0 in
         one sample.
     contact : Block, optional
@@ -273,15 +240,11 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "rest", contact=None
     touch = as_block(1.0 if contact is None else contact)
     if not arms or any(len(arm) != 2 for arm in arms):
         raise BadValue("generalized_maxwell: arms must be at least one pair (stiffness in N/m, time constant in s)")
-    plain = [(number(k), tau) for k, tau in arms if number(k) is not None]
+    fixed = [(number(k), tau) for k, tau in arms if number(k) is not None]
     live = [(k, tau) for k, tau in arms if number(k) is None]
-    parts: list[tuple[Any, Any, Any]] = [(constant(1.0, "N/m"), [k for k, _ in plain], [t for _, t in plain])] if plain else []
+    parts: list[tuple[Any, Any, Any]] = [(constant(1.0, "N/m"), [k for k, _ in fixed], [t for _, t in fixed])] if fixed else []
     parts += [(as_block(k), [1.0], [tau]) for k, tau in live]
-    force = None
-    for gain, k, tau in parts:
-        one = gain * MaxwellArms(y, touch, k, tau, onset)
-        force = one if force is None else force + one
-    assert force is not None
+    force = reduce(add, (gain * MaxwellArms(y, touch, k, tau, onset) for gain, k, tau in parts))
     if force.dim != unit("N"):
         raise UnitError(f"maxwell: a stiffness times {y!r} [{y.dim}] is [{force.dim}], not a force; give y in m and k in N/m")
     if isinstance(k0, (int, float)) and k0 < 0:
@@ -292,7 +255,7 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "rest", contact=None
     return (rest if contact is None else Where(touch, rest, as_block(0.0))) + force
 
 
-def standard_linear_solid(y: Block, k0, k1, tau: float, *, onset: str = "rest", contact=None) -> Block:
+def standard_linear_solid(y: Block, k0, k1, tau: float, *, onset: str = "steady", contact=None) -> Block:
     """A spring beside one Maxwell arm: stiffness k0 + k1 at first, k0 in the end.
 
     Parameters

@@ -11,77 +11,45 @@ import numpy as np
 from ..core.bounds import limits
 from ..core.graph import Block, as_block
 from ..core.maths import TINY, flush, fma, where
-from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue
 from .events import as_signal
 from .fir import Fir, line
-
-
-class IntegralParams(NamedTuple):
-    leak: float  # 1 - exp(-leak/fs)
-    now: float
-    before: float
-
-
-class IntegralState(NamedTuple):
-    y: float
-    low: float  # what rounding took from y
-    last: float
+from .impedance import Lag, LagParams, LagState, sampled
+from .onset import begun
 
 
 @dataclass(frozen=True, eq=False)
-class Integrate(Block):
-    """y' = x - leak y, exact for inputs that are straight between samples, T = 1/fs, a = leak T:
+class Integrate(Lag):
+    """y' = x - leak y, exact for inputs that are straight between samples: a lag over its leak (see ``FirstOrder``).
 
-    y[n] = exp(-a) y[n-1] + T (w0 x[n] + w1 x[n-1]),  w0 = (1 - m)/a,  w1 = (m - exp(-a))/a,  m = (1 - exp(-a))/a;
-    without a leak w0 = w1 = 1/2, the trapezoidal rule.
+    Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1] + x[n]/fs.
     """
 
     x: Block
     leak: float
+    held: bool = False
     begins_early = False
 
     def check(self):
-        if not self.leak >= 0:
-            raise BadValue(f"integrate: leak = {self.leak:g} 1/s must be 0 or above")
+        if not self.leak >= 0 or (self.leak and self.held):
+            raise BadValue(f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 for a sum of samples")
 
     def units(self, *u):
         return u[0] * unit("s")
 
     def design(self, fs):
-        a = self.leak / fs
-        if a < 1:  # by series, where the others cancel
-            terms = [(-a) ** k / math.factorial(k + 2) for k in range(18)]
-            now, before = math.fsum(terms), math.fsum((k + 1) * v for k, v in enumerate(terms))
-        else:
-            m = -math.expm1(-a) / a
-            now, before = (1 - m) / a, (m - math.exp(-a)) / a
-        return IntegralParams(-math.expm1(-a), now / fs, before / fs), IntegralState(0.0, 0.0, 0.0)
+        e, _, h = sampled(self.leak / fs)
+        now, before = (h / self.leak, (e - h) / self.leak) if self.leak else (1 / fs, 0.0) if self.held else (0.5 / fs, 0.5 / fs)
+        return LagParams(e, now, before), LagState(0.0, 0.0, 0.0)
 
     def laws(self, fs):
-        return (responses.integral(self.leak),)
-
-    @staticmethod
-    def step(p, s, x):
-        t = fma(-p.leak, s.y, fma(p.now, x, fma(p.before, s.last, TINY))) + s.low
-        y = s.y + t
-        return flush(y), IntegralState(y, t - (y - s.y), x)
-
-    @staticmethod
-    def transfer(p, z):
-        return (p.now + p.before / z) / (backward(z) + p.leak / z)
-
-    def delay(self, p):
-        """Group delay at 0 Hz; without a leak there is none."""
-        return p.before / (p.now + p.before) + (1 - p.leak) / p.leak if p.leak else 0.0
+        return (responses.running_sum() if self.held else responses.integral(self.leak),)
 
 
-def integrate(x, leak: float = 0.0) -> Block:
-    """Integral over time, exact for a signal that is straight between its samples; it begins at sample 0.
-
-    Before, x counts as 0, also where no input reaches it.
+def integrate(x, leak: float = 0.0, onset: str = "step") -> Block:
+    """Integrate over time, exactly for a signal that is straight between its samples, from sample 0 on.
 
     The sum has a second word, so after hours it is as exact as at first.
 
@@ -90,6 +58,9 @@ def integrate(x, leak: float = 0.0) -> Block:
     x : Block
     leak : float
         In 1/s: the integral forgets as exp(-leak t), and a constant ends at x/leak.
+    onset : {"step", "steady"}
+        Whether x was 0 before sample 0, also where no input reaches it, or has always been as it is there.
+        Without a leak there is no steady start: the integral of a constant never ends.
 
     Returns
     -------
@@ -99,7 +70,7 @@ def integrate(x, leak: float = 0.0) -> Block:
     Raises
     ------
     BadValue
-        A leak below 0; an event, which ``count`` adds up.
+        A leak below 0; a steady start without a leak; an event, which ``count`` adds up.
 
     References
     ----------
@@ -113,7 +84,8 @@ def integrate(x, leak: float = 0.0) -> Block:
     >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
     (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
     """
-    return Integrate(as_signal("integrate", x, "add them up with count(..)"), leak)
+    x = as_signal("integrate", x, "add them up with count(..)")
+    return begun("integrate", x, onset, lambda u: Integrate(u, leak), lambda y: 1 / leak if leak else math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +96,7 @@ class MovingAverage(Fir):
     seconds: float
 
     def design(self, fs):
-        limits.check("state_bytes", 8 * self.seconds * fs, f"moving_average: bytes of its samples at fs = {fs:g} Hz")
+        limits.check("state_bytes", 64 * self.seconds * fs, f"moving_average: bytes of its samples at fs = {fs:g} Hz")
         n = round(self.seconds * fs)
         if n < 1:
             raise BadValue(f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
@@ -134,8 +106,8 @@ class MovingAverage(Fir):
         return (responses.mean_of(round(self.seconds * fs)),)
 
 
-def moving_average(x, seconds: float) -> Block:
-    """Mean over the last seconds, rounded to whole samples; before the first sample x counts as 0.
+def moving_average(x, seconds: float, onset: str = "step") -> Block:
+    """Average over the last seconds, rounded to whole samples.
 
     It is a FIR filter with equal taps: nothing adds up over time, and its cost grows with the number of samples (30 ns for 800).
     ``integrate`` with a leak or ``lowpass`` cost the same for any time.
@@ -144,6 +116,8 @@ def moving_average(x, seconds: float) -> Block:
     ----------
     x : Block
     seconds : float
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
 
     Returns
     -------
@@ -153,7 +127,7 @@ def moving_average(x, seconds: float) -> Block:
     Raises
     ------
     BadValue
-        At compile time: less than half a sample.
+        An unknown onset; at compile time, less than half a sample.
 
     Examples
     --------
@@ -163,7 +137,7 @@ def moving_average(x, seconds: float) -> Block:
     >>> proc.process(np.array([[4.0, 4.0, 4.0, 4.0, 4.0, 0.0]]))
     array([[1., 2., 3., 4., 4., 3.]])
     """
-    return MovingAverage(as_block(x), seconds)
+    return begun("moving_average", x, onset, lambda u: MovingAverage(u, seconds), lambda y: 1.0)
 
 
 class FollowerParams(NamedTuple):

@@ -14,7 +14,7 @@ from ..core.maths import fir, fma, memory, where
 from ..core.response import backward
 from ..design import responses
 from ..errors import BadValue
-from .fractional import DIFFERENCES, WORK, Springpot, begin, force_unit, transfer
+from .fractional import DIFFERENCES, WORK, Springpot, begin, check_fields, force_unit, transfer
 
 
 class SeriesParams(NamedTuple):
@@ -60,7 +60,7 @@ class Series(Block):
 
     def check(self):
         positive(self, "other", "chi")
-        Springpot(self.y, self.contact, self.order, self.scheme, self.tol, self.horizon, "rest")  # has the same limits
+        check_fields(self)
         if self.order in (0.0, 1.0):
             raise BadValue(
                 f"series: alpha = {self.order:g} is a spring or a dashpot; use maxwell(y, k, b), spring or kelvin_voigt"
@@ -70,7 +70,7 @@ class Series(Block):
         return force_unit("series", u[0])
 
     def design(self, fs):
-        p, s = Springpot(self.y, self.contact, self.order, self.scheme, self.tol, self.horizon, "rest").design(fs)
+        p, s = Springpot(self.y, self.contact, self.order, self.scheme, self.tol, self.horizon, "steady").design(fs)
         other = self.other * (fs if self.dashpot else 1.0)
         numbers = (self.chi * math.pow(fs, self.order), p.taps[7], other, float(self.dashpot), self.order, fs)
         return SeriesParams(p.e, p.r, p.taps, p.constant, *numbers), SeriesState(s.line, s.q, s.low, 0.0, 0.0, 1.0)
@@ -126,7 +126,7 @@ def springpot_series(
     Parameters
     ----------
     y : Block
-        Displacement over both elements, in m; relaxed at the first sample, wherever it is.
+        Displacement over both elements, in m; it always begins steady: relaxed at the first sample, wherever that is.
     chi : float
         Springpot, N s^alpha/m, above 0.
     alpha : float

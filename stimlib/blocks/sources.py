@@ -15,7 +15,7 @@ from ..core.graph import Block, in_unit, positive
 from ..core.maths import as_float, exp, floor, fma, where
 from ..core.units import unit
 from ..design import responses
-from ..design.resample import HALF, oversampled, resampled
+from ..design.resample import HALF, resampled
 from ..errors import BadValue
 from .bump import sinpi
 from .carrier import two_words
@@ -151,7 +151,7 @@ class Playback(Block):
 
     def design(self, fs):
         limits.check("state_bytes", 8 * self.samples.size * fs / self.rate, f"playback: bytes of its samples at fs = {fs:g} Hz")
-        return PlaybackParams(fs, resampled(self.samples, fs / self.rate), float(self.loop)), ()
+        return PlaybackParams(fs, resampled(self.samples, self.rate, fs, name="playback"), float(self.loop)), ()
 
     @staticmethod
     def step(p, s, t):
@@ -199,11 +199,14 @@ class Scanned(Block):
 
     def design(self, fs):
         limits.check("state_bytes", 8 * OVER * self.samples.size, "playback: bytes of its table")
-        band, n = min(1.0, fs / self.rate), self.samples.size
-        more = math.ceil(HALF / band) + 1  # so far does the window reach
-        around = np.arange(-more, n + more)
-        x = self.samples[around % n] if self.loop else np.where((around >= 0) & (around < n), self.samples[around % n], 0.0)
-        table = oversampled(x, OVER, band)[OVER * more - BEFORE : OVER * (more + n) + AFTER]
+        n, more = self.samples.size, 1
+        if self.loop:  # so far does the window reach
+            wide = HALF * max(1.0, self.rate / fs)
+            what = f"playback: operations for {n} samples in a loop at rate = {self.rate:g} Hz, for fs = {fs:g} Hz"
+            limits.check("design_work", 16 * wide * (n + 2 * wide), f"{what} (resample them before, or raise fs)")
+            more = math.ceil(wide) + 1
+        x = np.pad(self.samples, more, "wrap" if self.loop else "constant")
+        table = resampled(x, self.rate, OVER * self.rate, fs, "playback")[OVER * more - BEFORE : OVER * (more + n) + AFTER]
         return ScannedParams(OVER * self.rate, table, float(OVER * n), float(self.loop)), ()
 
     @staticmethod

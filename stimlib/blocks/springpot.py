@@ -34,9 +34,10 @@ def springpot(
     scheme: str = "gl",
     tol: float = 1e-10,
     horizon: float = 86400.0,
-    onset: str = "rest",
+    onset: str = "steady",
     contact: Block | float | None = None,
     certificate: bool = False,
+    memory: float = 0.1,
 ):
     """Force of a springpot, f = chi D^alpha y, over the whole history of y.
 
@@ -58,12 +59,14 @@ def springpot(
     horizon : float
         Seconds of contact up to which tol is kept.  Beyond, the error grows slowly.  With ``gl-downsampled``, the longest
         contact: beyond it there is a fault.
-    onset : {"rest", "step"}
+    onset : {"steady", "step"}
         Whether the first sample is where y has always been, or a step from 0.
     contact : Block, optional
         Where it is not above 0 the force is 0; at re-contact the history starts anew, at rest.
     certificate : bool
         Also return the bound on the error, as a second signal.
+    memory : float
+        Seconds that ``gl-short-memory`` sums; the thesis' 100 samples at 1 kHz are 0.1 s.
 
     Returns
     -------
@@ -73,9 +76,9 @@ def springpot(
     Raises
     ------
     BadValue
-        alpha outside 0 .. 1, chi below 0, tol outside 1e-14 .. 0.1 (the message names the nearest possible one), horizon not
-        above 0, an unknown scheme or onset; a live alpha or a certificate with the thesis' methods; at compile time, a horizon
-        too long for ``gl-downsampled``.
+        alpha outside 0 .. 1, chi below 0, tol outside 1e-14 .. 0.1 (the message names the nearest possible one), horizon or
+        memory not above 0, an unknown scheme or onset; a live alpha or a certificate with the thesis' methods; at compile
+        time, a horizon too long for ``gl-downsampled``.
     UnitError
         y in another unit than m, chi or alpha with a unit.
 
@@ -122,8 +125,9 @@ def springpot(
         raise BadValue(f"springpot: there is no bound on the error of {scheme}; certificate=True needs gl or l1")
     if fixed is None:
         raise BadValue(f"springpot: {scheme} needs a plain number as alpha, got {alpha!r}; gl and l1 take a live one")
-    method = Downsampled if scheme == "gl-downsampled" else ShortMemory
-    return gain * method(y, touch, fixed, horizon, onset)
+    if scheme == "gl-downsampled":
+        return gain * Downsampled(y, touch, fixed, horizon, onset)
+    return gain * ShortMemory(y, touch, fixed, memory, onset)
 
 
 def coefficient(chi) -> Block:

@@ -8,15 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.bounds import limits
 from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue
-from .fractional import ONSETS, check_fields, force_unit, origin
+from .fractional import check_fields, force_unit, origin
+from .onset import ONSETS
 
 NAN = math.nan
-POINTS = 100  # of history that are summed
+POINTS = 100  # of history that gl-downsampled sums
 LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
 
 
@@ -32,8 +34,6 @@ class Method(Block, abstract=True):
     y: Block
     contact: Block
     order: float
-    horizon: float
-    onset: str
 
     def check(self):
         check_fields(self)
@@ -59,19 +59,22 @@ class DownsampledState(NamedTuple):
 class Downsampled(Method):
     """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
 
+    horizon: float
+    onset: str
+
     def design(self, fs):
-        n = math.ceil(self.horizon * fs)
+        n = self.horizon * fs
         if n > LONGEST:
             raise BadValue(
-                f"springpot: gl-downsampled keeps the whole history, {n} samples for horizon = {self.horizon:g} s at {fs:g} Hz; "
-                f"give the longest contact as horizon, at most {LONGEST / fs:.6g}"
+                f"springpot: gl-downsampled keeps the whole history, {n:.9g} samples for horizon = {self.horizon:g} s at "
+                f"{fs:g} Hz; give the longest contact as horizon, at most {LONGEST / fs:.6g}"
             )
         p = DownsampledParams(binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order)
-        return p, DownsampledState(np.zeros(max(n, 1)), 0.0, 0.0, ONSETS[self.onset])
+        return p, DownsampledState(np.zeros(max(math.ceil(n), 1)), 0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
     def tile(p, s, x, contact, y):
-        most = float_of(s.past.size)
+        most = s.past.size * 1.0
         k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
         first, cold = s.first, s.cold
         for i in range(x.size):
@@ -93,11 +96,6 @@ class Downsampled(Method):
         return DownsampledState(s.past, first, k, cold)
 
 
-def float_of(n):
-    """A whole number as a float."""
-    return n * 1.0
-
-
 class ShortMemoryParams(NamedTuple):
     taps: np.ndarray  # oldest first, zeros in front
 
@@ -110,16 +108,19 @@ class ShortMemoryState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ShortMemory(Method):
-    """D^alpha y from the last 100 samples alone."""
+    """D^alpha y from the last seconds alone."""
 
+    seconds: float
+    onset: str
     resettable = True
 
     def design(self, fs):
-        taps = padded(math.pow(fs, self.order) * binomials(self.order, POINTS))[::-1].copy()
+        limits.check("state_bytes", 8 * self.seconds * fs, f"gl-short-memory: bytes of its samples at fs = {fs:g} Hz")
+        taps = padded(math.pow(fs, self.order) * binomials(self.order, max(1, round(self.seconds * fs))))[::-1].copy()
         return ShortMemoryParams(taps), ShortMemoryState(np.zeros(taps.size - 1), 0.0, ONSETS[self.onset])
 
     def laws(self, fs):
-        return (responses.short_memory(self.order, fs),)
+        return (responses.short_memory(self.order, self.seconds, fs),)
 
     @staticmethod
     def work(p):

@@ -67,9 +67,7 @@ class Tracker(Block, abstract=True):
     max_jump: float | None
 
     def check(self):
-        positive(self, "bandwidth")
-        if self.max_jump is not None:
-            positive(self, "max_jump")
+        positive(self, "bandwidth", *(["max_jump"] if self.max_jump is not None else []))
 
     def design(self, fs):
         if self.bandwidth >= fs / 2:
@@ -173,7 +171,9 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
 
     Notes
     -----
-    Starts at the first value of x, at rest.  It is linear and time-invariant as long as contact lasts and no jump occurs;
+    It always begins steady, at the first value of x with velocity 0.
+
+    It is linear and time-invariant as long as contact lasts and no jump occurs;
     ``Processor.response`` describes that case.
 
     References

@@ -201,7 +201,7 @@ class Grain(Block):
 
     def design(self, fs):
         limits.check("state_bytes", 16 * self.samples.size * fs / self.rate, f"grain: bytes of its samples at fs = {fs:g} Hz")
-        shape = resampled(self.samples, fs / self.rate)
+        shape = resampled(self.samples, self.rate, fs, name="grain")
         return GrainParams(shape), GrainState(np.zeros(shape.size), NONE, NONE)
 
     def laws(self, fs):

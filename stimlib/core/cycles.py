@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import SceneError
 from . import maths, steps
-from .graph import Block, Const, Enabled, Pick, at_rest, memo
+from .graph import Block, Const, Pick, Subsystem, at_rest, memo
 from .loops import Last
 
 
@@ -38,8 +38,8 @@ def closed(nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], numbe
     group = _groups(nodes, bodies, reached)
     together = Counter(group[n] for n in reached)
     for n in sorted(reached):
-        if isinstance(nodes[n].block, Enabled):
-            _check_enabled(nodes, bodies, together[group[n]] > 1, n)
+        if isinstance(nodes[n].block, Subsystem):
+            _check_subsystem(nodes, bodies, together[group[n]] > 1, n)
     heard = {k for n in reached for k in nodes[n].kids if group[k] != group[n]} | set(roots)
     needs: dict[int, set[int]] = {}
     inside: dict[int, list[int]] = {}
@@ -86,8 +86,8 @@ def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> 
     return connected_components(needs.tocsr(), connection="strong")[1].tolist()
 
 
-def _check_enabled(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
-    """Raise SceneError where an ``enabled`` is on a cycle, or runs what is outside of it."""
+def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
+    """Raise SceneError where an ``enabled`` or ``segment`` is on a cycle, or runs what is outside of it."""
     b = nodes[n].block
     inside = _below(nodes, {}, nodes[n].kids[:1])
     if on_cycle or any(k in bodies and bodies[k] not in inside for k in inside):

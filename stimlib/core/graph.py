@@ -673,9 +673,13 @@ class NotEqual(Compare):
         return where(a == b, 0.0, 1.0), s
 
 
-# Enabled subsystem ---------------------------------------------------------------------------------------------------
+# Subsystems ----------------------------------------------------------------------------------------------------------
+class Subsystem(Block, abstract=True):
+    """A block on a clock of its own: its first signal runs there, its second says when."""
+
+
 @dc.dataclass(frozen=True, eq=False)
-class Enabled(Block):
+class Enabled(Subsystem):
     """A block on its own clock; see ``enabled``."""
 
     block: Block
@@ -719,9 +723,112 @@ def enabled(block: Block, by: Block) -> Block:
     return Enabled(as_block(block), as_block(by))
 
 
+class IntervalParams(NamedTuple):
+    first: float
+    end: float
+
+
+class IntervalState(NamedTuple):
+    n: float
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Interval(Block):
+    """1 at the samples of one stretch of time, else 0; it begins at sample 0, so before that it is closed."""
+
+    begin: float
+    duration: float | None
+    begins_early = False
+
+    def check(self):
+        if self.begin < 0 or (self.duration is not None and self.duration <= 0):
+            raise BadValue(f"segment: start = {self.begin} s must be 0 or above, and duration = {self.duration} s above 0")
+
+    def design(self, fs):
+        first = math.floor(self.begin * fs + 0.5)
+        long = math.inf if self.duration is None else math.floor(self.duration * fs + 0.5)
+        return IntervalParams(float(first), float(first + long)), IntervalState(0.0)
+
+    @staticmethod
+    def step(p, s):
+        return where(s.n >= p.first, where(s.n < p.end, 1.0, 0.0), 0.0), IntervalState(s.n + 1.0)
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Segment(Subsystem):
+    """A block in a stretch of time, where it begins as a run does; see ``segment``."""
+
+    block: Block
+    by: Block
+    seed: int | None
+
+    def check(self):
+        if not isinstance(self.by, Interval):
+            raise BadValue(f"a segment lasts for an Interval, not {self.by!r}; make it with segment(block, start, duration)")
+        if self.seed is not None and self.seed < 0:
+            raise BadValue(f"segment: seed = {self.seed} must be a whole number from 0 to 2**64 - 1")
+
+    @property
+    def run(self) -> str:
+        """What tells the run that it is from that around it, and from others in there."""
+        by: Any = self.by
+        return f" in segment({by.begin}, {by.duration}{'' if self.seed is None else f', seed={self.seed}'})"
+
+
+def segment(block: Block, start: float, duration: float | None = None, seed: int | None = None) -> Segment:
+    """Run a block in one stretch of time only, from its own sample 0 on, as if it were rendered alone.
+
+    The block lives on its own clock, the samples of that stretch.  There its time begins at 0, its states are at rest,
+    its noises begin with the seed, and the motion of the first of these samples is the first that it sees.  Outside
+    nothing of it is computed and the output is 0.  So its samples are those of ``stimlib.render``, bit for bit.
+
+    Parameters
+    ----------
+    block : Block
+    start : float
+        In s, at the nearest sample.  Inside another segment, or inside ``enabled``, it counts from the start of that.
+    duration : float, optional
+        In s, to the nearest number of samples; by default to the end.
+    seed : int, optional
+        Key of all noise in it, as ``seed`` of ``stimlib.compile``; by default that of the run.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        A start below 0, a duration not above 0, no seed.
+    SceneError
+        In ``Scene``: inside a loop, or with the last value of one that is outside.
+
+    Notes
+    -----
+    Segments of one start, duration and seed run together: what their blocks share runs once, as for several outputs of a
+    scene.  All others have their own copies of what they run, also of noises: with one seed they are the same samples
+    again, and with different seeds they are independent.  Parameters are those of the whole run; ``Scene.renamed`` gives
+    a stimulus its own.
+
+    Examples
+    --------
+    A burst that is felt twice:
+
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import elapsed, segment
+    >>> twice = [segment(elapsed() + stimlib.constant(1.0, "s"), start, 0.003) for start in (0.001, 0.005)]
+    >>> stimlib.compile(stimlib.Scene({"y": twice[0] + twice[1]}), fs=1000).process(np.empty((0, 9)))
+    array([[0.   , 1.   , 1.001, 1.002, 0.   , 1.   , 1.001, 1.002, 0.   ]])
+    """
+    return Segment(as_block(block), Interval(start, duration), seed)
+
+
 # Walking -------------------------------------------------------------------------------------------------------------
-def reach(roots: Iterable[Block]) -> list[Block]:
-    """Every block object the roots need, children first, each once.  No recursion: graphs may be deep."""
+def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
+    """Every block object the roots need, children first, each once.  No recursion: graphs may be deep.
+
+    Into blocks of the class ``closed`` it does not look.
+    """
     done: dict[int, Block] = {}
     todo = [(b, False) for b in reversed(list(roots))]
     while todo:
@@ -732,7 +839,7 @@ def reach(roots: Iterable[Block]) -> list[Block]:
             done[id(b)] = b
         else:
             todo.append((b, True))
-            todo += [(c, False) for c in reversed(b.children)]
+            todo += [(c, False) for c in reversed(() if isinstance(b, closed) else b.children)]
     return list(done.values())
 
 

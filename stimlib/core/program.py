@@ -6,7 +6,7 @@ import dataclasses as dc
 import hashlib
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +16,26 @@ from . import steps
 from . import units as un
 from .bounds import limits
 from .cycles import Cycle, closed
-from .graph import Add, Block, Const, Enabled, Guard, Input, Map, Mul, Param, Pick, pack, reach, signals, type_name
+from .graph import (
+    Add,
+    Block,
+    Const,
+    Guard,
+    Input,
+    Map,
+    Mul,
+    Param,
+    Pick,
+    Segment,
+    Subsystem,
+    pack,
+    reach,
+    signals,
+    type_name,
+)  # fmt: skip
 from .loops import Last, Loop, Tap
 
-PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled adds one.
+PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
 
 
 def lead(fs: float) -> int:
@@ -56,6 +72,9 @@ class Program(NamedTuple):
     params: dict[str, int]
     noises: dict[str, int]
     parents: list[int]  # parent of each clock
+    clocks: list[str]  # what each clock is called
+    runs: list[str]  # what tells the segments that each clock is in; "" where there are none
+    seeds: list[int | None]  # of noises on each clock; None: that of the run
     removed: list[str]  # what rewriting took out, and why
     hash: int  # of structure and design numbers: 64 bits
 
@@ -108,7 +127,7 @@ class _Graph:
             if isinstance(b, Mul) and values[here] == 0.0 and self.autonomous(kids[there]):
                 self.removed[f"{self.nodes[kids[there]].block!r}: multiplied by a literal 0"] = None
                 return self.const(0.0, b)
-        if isinstance(b, Enabled):
+        if isinstance(b, Subsystem):
             if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
                 self.removed[f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"] = None
                 return self.const(0.0, b)
@@ -162,7 +181,6 @@ def lower(outputs: dict[str, Block]) -> Program:
     objects = reach(guards)
     limits.check("scene_blocks", len(objects), "blocks of a scene", SceneError)
     _check_names(objects)
-    _check_noise_objects(objects)
     graph = _Graph()
     number: dict[int, int] = {}
     for b in objects:
@@ -171,15 +189,16 @@ def lower(outputs: dict[str, Block]) -> Program:
     if graph.bodies or any(isinstance(b, Last) for b in objects):
         graph, roots = graph.closed(roots)
     copies = _instances(graph, roots)
-    limits.check("scene_blocks", copies, "blocks of a scene after each `enabled` has got its own copies", SceneError)
-    made, instances, parents = _layout(graph, roots)
+    limits.check("scene_blocks", copies, "blocks of a scene after each enabled or segment has got its own copies", SceneError)
+    _check_noise_objects(guards)
+    made, instances, (parents, clocks, runs, seeds) = _layout(graph, roots)
     blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
     merged = len(blocks) - len({number[id(b)] for b in blocks})
     removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
     noises: dict[str, int] = {}
     for i, q in enumerate(instances):
         if q.block.noise_key:
-            name = "white({}, {})".format(*q.block.noise_key)
+            name = "white({}, {})".format(*q.block.noise_key) + runs[q.clock]
             if name in noises and not q.block.shared:
                 raise SceneError(
                     f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in two gates): each clock would "
@@ -194,19 +213,22 @@ def lower(outputs: dict[str, Block]) -> Program:
         {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)},
         noises,
         parents,
+        clocks,
+        runs,
+        seeds,
         removed,
         int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"),
     )
 
 
 def _instances(graph: _Graph, roots: list[int]) -> float:
-    """How many instances a layout would have, or more than a limit, without making them: gates in gates double them."""
+    """The most instances that a layout may have, or more than a limit, without making them: gates in gates double them."""
     nodes, reached, todo = graph.nodes, set(), list(roots)
     while todo:
         if (n := todo.pop()) not in reached:
             reached.add(n)
             todo += nodes[n].kids
-    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Enabled)})  # children come first
+    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Subsystem)})  # children come first
     copy: dict[int, float] = {}  # instances on a clock that runs a block, and on all clocks below it
     walked = 0
     for tops in [*([n] for n in gated), roots]:
@@ -218,8 +240,8 @@ def _instances(graph: _Graph, roots: list[int]) -> float:
             if n in seen or isinstance(b, (Param, Const)):
                 continue
             seen.add(n)
-            size += 2 + copy[kids[0]] if isinstance(b, Enabled) else 1
-            todo += kids[1:] if isinstance(b, Enabled) else kids
+            size += 2 + copy[kids[0]] if isinstance(b, Subsystem) else 1
+            todo += kids[1:] if isinstance(b, Subsystem) else kids
         copy[tops[0]] = size
         walked += len(seen)
         if walked > limits.scene_blocks:  # every clock is there at least once
@@ -231,8 +253,9 @@ def _layout(graph: _Graph, roots: list[int]):
     """Instances keyed by (kind, structure, clock), children first."""
     made: dict[tuple[str, int, int], int] = {}
     instances: list[Instance] = []
-    parents = [-1, -1]
-    clocks: dict[tuple[int, int], int] = {}
+    parents, names, runs = [-1, -1], ["params", "root"], ["", ""]
+    seeds: list[int | None] = [None, None]
+    clocks: dict[Any, tuple[int, int]] = {}  # and the node that opens each
     todo = [("block", n, ROOT) for n in reversed(roots)]
     while todo:
         key = todo[-1]
@@ -242,22 +265,27 @@ def _layout(graph: _Graph, roots: list[int]):
         kind, n, clock = key
         b, kids = graph.nodes[n]
         child = -1
-        if isinstance(b, Enabled):
-            if (n, clock) not in clocks:
-                clocks[n, clock] = len(parents)
+        if isinstance(b, Subsystem):
+            run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
+            which = (run or n, clock)  # segments of one time and seed run together
+            if which not in clocks:
+                clocks[which] = len(parents), n
+                names.append(f"{'segment' if run else 'enabled'} {len(parents) - ROOT}")
+                runs.append(runs[clock] + run)
+                seeds.append(seeds[clock] if seed is None else seed)
                 parents.append(clock)
-            child = clocks[n, clock]
-            need = [("block", kids[1], clock)] if kind == "open" else [("open", n, clock), ("block", kids[0], child)]
+            child, opener = clocks[which]
+            need = [("block", kids[1], clock)] if kind == "open" else [("open", opener, clock), ("block", kids[0], child)]
         else:
             need = [("block", k, clock) for k in kids]
         need = [(k, m, _home(graph.nodes[m].block, c)) for k, m, c in need]
         missing = [q for q in need if q not in made]
         if missing:
-            todo += reversed(missing[:1] if kind == "block" and isinstance(b, Enabled) else missing)
+            todo += reversed(missing[:1] if kind == "block" and isinstance(b, Subsystem) else missing)
             continue
         args = tuple(made[q] for q in need)
         kind = "input" if isinstance(b, Input) else "const" if isinstance(b, Const) else "open" if kind == "open" else \
-            "close" if isinstance(b, Enabled) else "pick" if isinstance(b, Pick) else "block"  # fmt: skip
+            "close" if isinstance(b, Subsystem) else "pick" if isinstance(b, Pick) else "block"  # fmt: skip
         autonomous = b.begins_early and not isinstance(b, Guard) and all(instances[a].autonomous for a in args)
         made[key] = len(instances)
         instances.append(Instance(kind, b, clock, args, autonomous, child))
@@ -265,12 +293,12 @@ def _layout(graph: _Graph, roots: list[int]):
     for q in instances:  # a gate with a loop behind it begins with that, at sample 0
         if q.kind == "close" and not q.autonomous:
             instances[q.args[0]] = instances[q.args[0]]._replace(autonomous=False)
-    return made, instances, parents
+    return made, instances, (parents, names, runs, seeds)
 
 
 def _home(b: Block, clock: int) -> int:
-    """Parameters and constants belong to no clock but their own, whoever asks for them."""
-    return PARAMS if isinstance(b, (Param, Const)) else clock
+    """Parameters, constants and inputs belong to no clock but their own, whoever asks for them."""
+    return PARAMS if isinstance(b, (Param, Const)) else ROOT if isinstance(b, Input) else clock
 
 
 def _check_names(objects: list[Block]) -> None:
@@ -282,13 +310,18 @@ def _check_names(objects: list[Block]) -> None:
                 raise SceneError(f"the name {b.name!r} is used for {old!r} and for {b!r}: give them different names")
 
 
-def _check_noise_objects(objects: list[Block]) -> None:
-    """Two fingers must not silently feel one noise: by object, before equal sub-graphs are merged."""
-    seen: dict[tuple[int, int], Block] = {}
-    for b in objects:
-        key = b.noise_key
-        if key is not None:
-            old = seen.setdefault(key, b)
+def _check_noise_objects(roots: Sequence[Block]) -> None:
+    """Two fingers must not silently feel one noise: by object, before equal sub-graphs are merged; each segment by itself."""
+    seen: dict[Any, Block] = {}
+    todo = {"": list(roots)}
+    while todo:
+        run, tops = todo.popitem()
+        for b in reach(tops, Segment):
+            if isinstance(b, Segment):
+                todo.setdefault(run + b.run, []).append(b.block)
+            if (key := b.noise_key) is None:
+                continue
+            old = seen.setdefault((run, key), b)
             if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
                 raise SceneError(
                     f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be one and the same noise; "
@@ -304,17 +337,21 @@ def program_of(scene: Any) -> Program:
     return program
 
 
-def design_of(program: Program, fs: float) -> list[tuple[Any, Any]]:
-    """Parameters and state at rest of every instance at a sample rate (Hz).
+def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any, Any]]:
+    """Return parameters and state at rest of every instance at a sample rate (Hz).
 
-    SceneError where a block's author has erred; BadValue before more memory is taken than ``limits.state_bytes``.
+    ``cost`` is what a block needs for a sample, in operations.  SceneError where a block's author has erred; BadValue before
+    more memory is taken than ``limits.state_bytes``, or more work than ``limits.design_work``.
     """
+    work = 0.0
     used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
     made = []
     for q in program.instances:
         p, s = steps.designed(q.block, fs) if q.kind == "block" else ((), ())
         used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
         limits.check("state_bytes", used, f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        work += lead(fs) * (cost + np.size(getattr(p, "taps", ())) / 20) * q.autonomous
+        limits.check("design_work", work, f"operations of the {lead(fs)} samples before sample 0 at fs = {fs:g} Hz; lower fs")
         if q.kind == "block" and not steps.ours(type(q.block)):
             steps.rehearse(q.block, p, s)
         made.append((p, s))
@@ -349,7 +386,7 @@ def first_states(
     for q, (p, s) in zip(program.instances, design, strict=True):
         if q.kind == "block":
             if type(q.block).start is not Block.start:
-                own.append((at, q.block, p, s))
+                own.append((at, q.block, p, s, program.seeds[q.clock]))
             parts.append(pack(s))
             at += parts[-1].size
     rest = np.concatenate(parts)
@@ -357,8 +394,8 @@ def first_states(
     def first(seed: int) -> np.ndarray:
         words = rest.copy()
         with np.errstate(all="ignore"):
-            for at, block, p, s in own:
-                new = pack(start(block, p, s, seed))
+            for at, block, p, s, its in own:
+                new = pack(start(block, p, s, seed if its is None else its))
                 words[at : at + new.size] = new
         return words
 

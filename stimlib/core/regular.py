@@ -164,7 +164,12 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
         check(path, error)
     part = path.with_name(path.name + ".part")
     with ExitStack() as stack:
+        left = os.path.lexists(part)
         raw = alone(stack, part, path, error)  # to the end: another run would take its name
+        if left:  # by a killed run: the new file shall not have its mode
+            with suppress(OSError):
+                os.unlink(part)
+            raw = alone(stack, part, path, error)
         try:
             with open(raw.fileno(), "wb", closefd=False) as f:
                 f.truncate()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import SceneError, UnknownName
 from .cycles import Cycle
-from .graph import Block, Const, Enabled, Map, Param, Pick, pack, unpack
+from .graph import Block, Const, Map, Param, Pick, Subsystem, pack, unpack
 from .program import Instance, Program
 
 
@@ -88,7 +88,7 @@ def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
 
 
 def _behind(b: Block, delay: float, ways: list[Span]) -> Any:
-    there = [w for w in ways if w]
+    there = [w for w in ways if w and w[0] < np.inf]  # a first value that is held never answers what comes later
     span = (min(w[0] for w in there) + delay, max(w[1] for w in there) + delay) if there else None
     return (span,) * len(b.outputs) if b.outputs and there and not isinstance(b, Cycle) else span
 
@@ -133,7 +133,7 @@ def response(
             with np.errstate(all="ignore"):
                 value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
-            if isinstance(b, Enabled):
+            if isinstance(b, Subsystem):
                 raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
             if isinstance(b, Pick):
                 H[i] = H[q.args[0]][b.place]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError, SceneFileError, StimlibError
+from ..errors import SceneError, SceneFileError, StimlibError, UnknownName
 from . import regular
 from .bounds import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
@@ -69,6 +69,40 @@ class Scene:
     def params(self) -> dict[str, Param]:
         """Parameters by name."""
         return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Param)}
+
+    def renamed(self, names: Mapping[str, str]) -> Scene:
+        """Return the same scene with other names of some parameters, so that two stimuli of one kind fit into one scene.
+
+        Parameters
+        ----------
+        names : dict of str to str
+            New names by the old ones.
+
+        Returns
+        -------
+        Scene
+            Without a law, as laws know parameters by their names.
+
+        Raises
+        ------
+        UnknownName
+            The scene has no such parameter.
+        BadValue
+            No name that a parameter can have.
+
+        Examples
+        --------
+        >>> from stimlib import Input, Param, Scene
+        >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}).renamed({"k": "k_2"})
+        Scene(x [m], k_2 [N/m] -> force [N])
+        """
+        if unknown := [name for name in names if name not in self.params]:
+            raise UnknownName(f"no parameter {unknown[0]!r}; this scene has {', '.join(self.params) or 'none'}")
+        new: dict[int, Block] = {}
+        for b in reach(self.outputs.values()):
+            name = {"name": names.get(b.name, b.name)} if isinstance(b, Param) else {}
+            new[id(b)] = dc.replace(b, **name, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
+        return Scene({name: new[id(b)] for name, b in self.outputs.items()})
 
     def __repr__(self):
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 import dis
 import inspect
+import re
 import textwrap
 import traceback
 import types
@@ -23,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError, StimlibError, place
+from ..errors import BadValue, SceneError, StimlibError, place
 from . import maths
 from .graph import Block, kind, pack, signals, unpack
 
@@ -268,6 +269,12 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     try:
         pair = block.design(fs)
     except Exception as e:
+        if ours(cls) and isinstance(e, ArithmeticError | MemoryError | ValueError) and not isinstance(e, StimlibError):
+            name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()  # the function that made it
+            raise BadValue(
+                f"{name}: {type(e).__name__} in the design of {block!r} at fs = {fs:g} Hz: its numbers are "
+                "beyond a float, or the memory is too small; check the unit of each number, or choose another fs"
+            ) from e
         if isinstance(e, StimlibError) or ours(cls):
             raise
         raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e

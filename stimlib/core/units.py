@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 from ..errors import UnitError
 
 _SHOWN = (
-    "m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "J", "W", "N/A", "N**2", "m**2", "s/m",
+    "m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "N*m", "W", "N/A", "N**2", "m**2", "s/m",
 )  # fmt: skip
 _BASE = ("kilogram", "meter", "second", "ampere")
 _SI = {  # powers of these: products of these names need no pint, which takes longer to load than the rest of a start
@@ -23,7 +23,7 @@ class Unit:
     """A product of powers of SI base units.
 
     Compare with ``==``; multiply, divide and raise with the usual operators.  ``str`` gives the field's
-    name where there is one (``"N"``) and base units otherwise.
+    name where there is one (``"N"``) and base units otherwise.  N m, of a torque or an energy, is ``"N*m"``: it is right of both.
 
     Examples
     --------

@@ -84,13 +84,18 @@ class Staircase:
     reversals : int
         It ends with this reversal.
     up, down : int
+        With ``up=1`` it settles where outcome 1 has the probability 0.5 ** (1 / down): 0.5, 0.707, 0.794 for 1, 2, 3.
     most : int
-        Trials after which it ends anyhow: an observer who answers always the same would stay on a bound for ever.
+        Trials after which it ends anyhow.
+    stuck : int
+        Answers in a row that ask for a level beyond the bound on which it stands, after which it ends: an observer whose
+        answers are always the same would stay there.
 
     Raises
     ------
     BadValue
-        The start violates the bounds; a level that is not above 0; steps or numbers that are none.
+        The start violates the bounds; a level that is not above 0; steps or numbers that are none; a rule that
+        settles at the task's chance level.
 
     Examples
     --------
@@ -118,6 +123,7 @@ class Staircase:
     up: int = 1
     down: int = 1
     most: int = 1000
+    stuck: int = 20
 
     def __post_init__(self):
         if not all(isinstance(v, tuple) and len(v) == 2 and all(map(number, v)) for v in (self.bounds, self._start)):
@@ -130,9 +136,14 @@ class Staircase:
             raise BadValue(f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}")
         if not self.steps or not all(0 < s < 200 for s in self.steps):
             raise BadValue(f"Staircase: steps = {self.steps} must be dB above 0")
-        for name in ("reversals", "up", "down", "most"):
+        for name in ("reversals", "up", "down", "most", "stuck"):
             if getattr(self, name) < 1:
                 raise BadValue(f"Staircase: {name} = {getattr(self, name)} must be at least 1")
+        if (getattr(self.task, "chance", None) or 0.0) >= 0.5 and self.down <= self.up:
+            raise BadValue(
+                f"Staircase: with up = {self.up} and down = {self.down} it settles where half of the answers are right, "
+                "the chance level of this task; give down=3, which settles at 79.4 %"
+            )
 
     @property
     def _start(self) -> tuple[float, float]:
@@ -142,11 +153,11 @@ class Staircase:
         """The first level is drawn from the stream "start"."""
         low, high = self._start
         level = low + (high - low) * float(stream(seed, "start").random())
-        return {"seed": seed, "n": 0, "level": level, "wanted": level, "way": 0, "run": 0, "reversals": 0}
+        return {"seed": seed, "n": 0, "level": level, "wanted": level, "way": 0, "run": 0, "reversals": 0, "still": 0}
 
     def next(self, state: State) -> Trial | None:
         """The comparison at the present level."""
-        if state["reversals"] >= self.reversals or state["n"] >= self.most:
+        if state["reversals"] >= self.reversals or state["n"] >= self.most or state["still"] >= self.stuck:
             return None
         return dc.replace(self.task.trial(state["level"], state["seed"], state["n"]), wanted=state["wanted"])
 
@@ -165,14 +176,16 @@ class Staircase:
         if way:
             wanted *= 10.0 ** (way * self.steps[min(reversals, len(self.steps) - 1)] / 20.0)
         low, high = self.bounds
+        level = min(max(wanted, low), high)
         return {
             **state,
             "n": state["n"] + 1,
-            "level": min(max(wanted, low), high),
+            "level": level,
             "wanted": wanted,
             "way": way or state["way"],
             "run": 0 if way else run,
             "reversals": reversals,
+            "still": state["still"] + 1 if level == state["level"] == (low if more else high) else 0,
         }
 
 

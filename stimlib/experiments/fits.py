@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, shortened
+from ..errors import BadValue, UnknownName, shortened
 from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, numbers, probability, total
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PROBLEMS = {
-    "few": "all answers are the same, or to one level: nothing can be fitted; choose levels around the threshold",
-    "separated": "no level has both answers but the one between: the slope is not determined, the PSE is between {low:.6g} and "
-    "{high:.6g}; add levels there, or trials",
+    "few": "all answers are the same, or to one level: nothing can be fitted; choose levels around the threshold, and ask "
+    "whether the question was understood",
+    "separated": "no level has both answers but the one between: the slope is not determined, the {name} is between "
+    "{low:.6g} and {high:.6g}; add levels there, or trials",
     "falling": "yes becomes rarer as the level rises: look whether the other answer should count as yes",
-    "flat": "the answers hardly depend on the level: the data allow a slope of 0, and any PSE",
-    "lapses": "some answers far from the PSE fit no curve without lapses, and make this one too flat: give lapse=None to fit "
+    "flat": "the answers hardly depend on the level: the data allow a slope of 0, and any {name}",
+    "lapses": "some answers far from the {name} fit no curve without lapses, and make this one too flat: give lapse=None to fit "
     "their rate, or a rate of your own",
+    "guess": "the answers {against}: give the chance level of the task as guess=, 0.5 where the right one of two intervals was "
+    "to be found, or hand over the table of answers, which has it; in a comparison, add levels below the PSE",
 }
 """What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
 SURE_OF_LAPSES = 0.01
+CHANCES = (0.0, 1 / 4, 1 / 3, 1 / 2)
+"""Chance levels of common tasks, which a given one is tested against."""
+AS_GOOD = -2.0  # twice a difference of log-likelihoods, from which on chance level 1/2 fits about as well as a symmetric curve
+SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES = 2000
 MOST, LARGEST = 1e9, 1e100  # trials at a level, beyond which likelihoods are too coarse for intervals; size of a level
@@ -39,7 +49,8 @@ class Fit:
     Attributes
     ----------
     pse : float
-        Where the curve is half-way up, in the unit of the levels: the point of subjective equality, or the threshold.
+        Where the curve is half-way up, in the unit of the levels: the point of subjective equality of a comparison, the
+        threshold of a detection.
     sigma : float
         Spread of the curve on the axis of the fit (of log10 of the levels with ``log``): of a cumulative normal its standard
         deviation, of a logistic function its scale.
@@ -56,6 +67,12 @@ class Fit:
     gap : (float, float)
         The highest level with a no and the lowest with a yes, the lower one first; with ``guess``, the highest level with
         answers below half-way and the lowest with answers above, infinite if there is none.
+    comparison : bool
+        Whether the curve is symmetric, so that ``pse`` is a point of subjective equality; with a chance level it is a threshold.
+    unit : str
+        Of the levels, as it was given.
+    data : tuple of (float, int, int)
+        Each level, how many said yes, how many were asked.
     """
 
     pse: float
@@ -73,6 +90,21 @@ class Fit:
     link: str = "probit"
     log: bool = False
     confidence: float = 0.95
+    comparison: bool = True
+    unit: str = ""
+    data: tuple[tuple[float, int, int], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What ``pse`` is called: "PSE" of a comparison, "threshold" of a detection."""
+        return "PSE" if self.comparison else "threshold"
+
+    def __str__(self) -> str:
+        low, high = self.pse_interval
+        unit = f" {self.unit}" if self.unit else ""
+        jnd = f"{self.jnd:.0%} of it" if self.log else f"{self.jnd:.4g}{unit}"
+        text = f"{self.name} {self.pse:.4g}{unit} [{low:.4g}, {high:.4g}], JND {jnd}"
+        return f"{text}; problems: {', '.join(self.problems)}" if self.problems else text
 
     @property
     def slope(self) -> float:
@@ -96,14 +128,72 @@ class Fit:
         return self._difference(low), self._difference(high)
 
     def __call__(self, level: ArrayLike) -> Array:
-        """Probability of yes at a level."""
-        axis = np.log10(level) if self.log else np.asarray(level, float)
+        """Return the probability of yes at a level.
+
+        Parameters
+        ----------
+        level : array_like
+            In the unit of the levels; 0 is allowed with ``log``, too.
+
+        Returns
+        -------
+        ndarray, of the same shape
+        """
+        axis = numbers("fit: level", level)
+        if self.log:
+            with np.errstate(divide="ignore"):
+                axis = np.log10(axis)
         model = Model(self.link, self.guess)
         return probability((axis - self._axis(self.pse)) / self.sigma, model, self.lapse)[0]
 
     def advice(self) -> list[str]:
         """What is wrong with the fit, and what to do about it."""
-        return [PROBLEMS[name].format(low=self.gap[0], high=self.gap[1]) for name in self.problems]
+        low, high = self.gap
+        against = f"contradict a chance level of {self.guess:.3g}"
+        if self.comparison:
+            against = "fit a chance level of 0.5 about as well as a symmetric curve"
+        return [PROBLEMS[name].format(low=low, high=high, name=self.name, against=against) for name in self.problems]
+
+    def plot(self) -> Figure:
+        """Draw the proportion of yes at each level, the curve, and the interval of its middle.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Yours to change and to save.  The area of a point is how many were asked.
+
+        Examples
+        --------
+        >>> from stimlib.experiments.fits import psychometric
+        >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5, unit="N/mm")
+        >>> fit.plot().axes[0].get_xlabel()
+        'level / N/mm'
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(5, 3.5), layout="constrained")
+        ax = figure.subplots()
+        self.draw(ax)
+        ax.set(xlabel=f"level / {self.unit}" if self.unit else "level", ylabel="proportion of yes")
+        return figure
+
+    def draw(self, ax: Any) -> None:
+        """Draw into axes of matplotlib, as ``plot``.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes
+        """
+        at, yes, asked = np.array(self.data).T
+        ax.scatter(at, yes / asked, s=8 * asked, alpha=0.5, linewidths=0)
+        if np.isfinite(self.pse):
+            x = np.geomspace(at[0], at[-1], 200) if self.log else np.linspace(at[0], at[-1], 200)
+            ax.plot(x, self(x), color="C1")
+            ax.plot(np.clip(self.pse_interval, at[0], at[-1]), [self(self.pse)] * 2, color="C1", lw=3)
+        if self.log:
+            logarithmic(ax.xaxis, ax.set_xscale)
+        ax.set(ylim=(-0.05, 1.05))
+        ax.grid(alpha=0.3)
 
     def _axis(self, level: float) -> float:
         return math.log10(level) if self.log else level
@@ -115,9 +205,26 @@ class Fit:
         return 10**wide - 1 if wide < 300 else math.inf
 
 
+def logarithmic(axis: Any, scale: Callable[[str], Any]) -> None:
+    """Make an axis of matplotlib logarithmic, with ticks at 1, 2 and 5 as plain numbers.
+
+    Parameters
+    ----------
+    axis : matplotlib.axis.Axis
+    scale : callable
+        ``set_xscale`` or ``set_yscale`` of its axes.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def psychometric(
-    levels: ArrayLike,
-    yes: ArrayLike,
+    levels: ArrayLike | Mapping[str, Sequence[Any]],
+    yes: ArrayLike | None = None,
     trials: ArrayLike | None = None,
     *,
     link: str = "probit",
@@ -127,6 +234,7 @@ def psychometric(
     interval: str = "profile",
     confidence: float = 0.95,
     seed: int = 0,
+    unit: str = "",
 ) -> Fit:
     """Fit a psychometric function by maximum likelihood.
 
@@ -134,9 +242,10 @@ def psychometric(
 
     Parameters
     ----------
-    levels : array_like, shape (n,)
-        Of each trial, or of each group of trials.
-    yes : array_like, shape (n,)
+    levels : array_like, shape (n,), or table of answers
+        Of each trial, or of each group of trials.  Or, alone, a table with the columns ``level``, ``outcome`` and ``chance``,
+        such as `stimlib.experiments.observers.simulate` gives: then the chance level is that of the task.
+    yes : array_like, shape (n,), optional
         1 where the answer was yes ("the comparison is stiffer"), else 0; with ``trials``: how many were.
     trials : array_like, shape (n,), optional
         How many were asked at each level.
@@ -144,7 +253,8 @@ def psychometric(
     log : bool
         Fit over log10 of the levels, which are then above 0.
     guess : float, optional
-        Rate of guesses: 1/m for the right one of m.  By default that of the lapses, as for a comparison, where who did not
+        Chance level, the rate of yes where nothing can be felt: 1/m for the right one of m intervals, 0 for yes or no.  By
+        default that of the task, if a table has it.  Else it is the rate of lapses, as for a comparison, where who did not
         attend says yes half the time: then twice ``lapse`` of the trials were not attended to.
     lapse : float or None
         Rate of lapses, below 0.5; None fits it, from 0 to 0.1.
@@ -155,6 +265,8 @@ def psychometric(
         Of each interval.
     seed : int
         Of the bootstrap.
+    unit : str
+        Of the levels, for texts and pictures.
 
     Returns
     -------
@@ -164,7 +276,17 @@ def psychometric(
     Raises
     ------
     BadValue
-        Shapes that differ, numbers that are not finite, answers that are no counts, parameters outside their range.
+        Shapes that differ, numbers that are not finite, answers that are no counts, parameters outside their range; a table of
+        tasks with different chance levels.
+    UnknownName
+        A table without ``level`` or ``outcome``.
+
+    Notes
+    -----
+    A wrong chance level shifts the middle: the threshold of a detection in two intervals comes out too low by half without
+    ``guess=0.5``.  ``problems`` has "guess" in two cases.  A chance level that was given is held against 0, 1/4, 1/3 and 1/2:
+    it is flagged where twice the gain in log-likelihood is above 6.63, which chance exceeds in 1 of 100 (chi squared, one degree
+    of freedom).  Of a symmetric curve it is flagged where chance level 1/2 fits about as well, twice the difference above -2.
 
     References
     ----------
@@ -179,9 +301,13 @@ def psychometric(
     (1.998, 0.391, [1.813, 2.182], ())
     >>> psychometric([1.0, 2.0, 3.0, 4.0], [0, 0, 20, 20], [20] * 4).advice()
     ['no level has both answers but the one between: the slope is not determined, the PSE is between 2 and 3; ...']
+    >>> found = psychometric([1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, unit="mm")
+    >>> print(found)
+    threshold 2.144 mm [1.465, 3], JND 0.4454 mm
     """
+    given: Any = levels if yes is None else (levels, yes) if trials is None else (levels, yes, trials)
     return psychometrics(
-        {"": (levels, yes) if trials is None else (levels, yes, trials)},
+        {"": given},
         link=link,
         log=log,
         guess=guess,
@@ -189,11 +315,12 @@ def psychometric(
         interval=interval,
         confidence=confidence,
         seed=seed,
+        unit=unit,
     )[""]
 
 
 def psychometrics(
-    data: Mapping[Key, Sequence[ArrayLike]],
+    data: Mapping[Key, Sequence[Any] | Mapping[str, Sequence[Any]]],
     *,
     link: str = "probit",
     log: bool = False,
@@ -202,14 +329,15 @@ def psychometrics(
     interval: str = "profile",
     confidence: float = 0.95,
     seed: int = 0,
+    unit: str = "",
 ) -> dict[Key, Fit]:
     """Fit many psychometric functions at once, which takes a fraction of the time; each to the bits that it has alone.
 
     Parameters
     ----------
-    data : dict of key to (levels, yes) or (levels, yes, trials)
+    data : dict of key to (levels, yes), (levels, yes, trials) or a table of answers
         Of each participant and condition, say; each as `psychometric` takes it.
-    link, log, guess, lapse, interval, confidence, seed
+    link, log, guess, lapse, interval, confidence, seed, unit
         As `psychometric`.
 
     Returns
@@ -218,7 +346,7 @@ def psychometrics(
 
     Raises
     ------
-    BadValue
+    BadValue, UnknownName
         As `psychometric`; it names the key.
 
     Examples
@@ -229,13 +357,25 @@ def psychometrics(
     >>> {who: round(fit.pse, 2) for who, fit in fits.items()}
     {'P01': 2.0, 'P02': 2.36}
     """
-    model = _model(link, guess, lapse, interval, confidence)
+    _model(link, guess, lapse, interval, confidence)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise BadValue(f"psychometric: seed = {seed!r} must be a whole number from 0 on")
-    sets = [_set(key, given, log) for key, given in data.items()]
-    parts = [sets[at : at + TOGETHER] for at in range(0, len(sets), TOGETHER)]
-    fits = [fit for part in parts for fit in _fitted(part, model, log, interval, confidence, seed)]
-    return dict(zip(data, fits, strict=True))
+    sets: dict[Any, Any] = {}
+    chances: dict[Any, Any] = {}
+    fits: dict[Any, Fit] = {}
+    for key, given in data.items():
+        where = f"psychometric of {shortened(key)}" if key != "" else "psychometric"
+        answers, chance = _answers(where, given)
+        sets[key] = _set(where, answers, log)
+        chances[key] = chance if guess is None else guess
+    for chance in dict.fromkeys(chances.values()):
+        model = _model(link, chance, lapse, interval, confidence)
+        keys = [key for key in data if chances[key] == chance]
+        for at in range(0, len(keys), TOGETHER):
+            part = keys[at : at + TOGETHER]
+            found = _fitted([sets[key] for key in part], model, log, interval, confidence, seed)
+            fits |= zip(part, found, strict=True)
+    return {key: replace(fits[key], unit=unit) for key in data}
 
 
 def _fitted(part: Sequence[Sets], model: Model, log: bool, interval: str, confidence: float, seed: int) -> list[Fit]:
@@ -249,7 +389,7 @@ def _fitted(part: Sequence[Sets], model: Model, log: bool, interval: str, confid
         for i, name in zip(at, flaws, strict=True):
             problems[i] = (name,) if name else ()
     around = np.full((2, 2, len(part)), math.nan)
-    usable = [i for i, wrong in enumerate(problems) if set(wrong) <= {"lapses"}]
+    usable = [i for i, wrong in enumerate(problems) if set(wrong) <= {"lapses", "guess"}]
     if usable and interval == "profile":
         around[..., usable] = profile(_some(sets, usable), model, confidence)
     elif interval == "bootstrap":
@@ -276,6 +416,7 @@ def _fit(
 ) -> Fit:
     """What is told of a set: PSE and sigma, and their intervals, are on the axis of the fit."""
     pse, low, high = (10 ** float(v) if log else float(v) for v in (found[0], *around[0]))
+    levels = 10**one.x if log else one.x
     return Fit(
         pse=pse,
         sigma=float(found[1]),
@@ -292,6 +433,8 @@ def _fit(
         link=model.link,
         log=log,
         confidence=confidence,
+        comparison=model.guess is None,
+        data=tuple(zip(*(v.tolist() for v in (levels, one.yes.astype(int), one.n.astype(int))), strict=True)),
     )
 
 
@@ -419,9 +562,20 @@ def _model(link: str, guess: float | None, lapse: float | None, interval: str, c
     return Model(link, guess, lapse)
 
 
-def _set(key: object, given: Sequence[ArrayLike], log: bool) -> Sets:
-    """One set, each level once."""
-    where = f"psychometric of {shortened(key)}" if key != "" else "psychometric"
+def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]:
+    """Return what was given as rows, and the chance level that a table of answers has."""
+    if not hasattr(given, "keys"):  # a DataFrame has some, too
+        return given, None
+    if missing := [name for name in ("level", "outcome") if name not in given]:
+        raise UnknownName(f"{where}: there is no column {missing[0]!r}; there are {', '.join(map(str, given))}")
+    chances = {None if c is None or c != c else c for c in (given["chance"] if "chance" in given else [None])}
+    if len(chances) > 1:
+        raise BadValue(f"{where}: the answers are of tasks with chance levels {chances}: fit each task by itself")
+    return (given["level"], given["outcome"]), chances.pop() if chances else None
+
+
+def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
+    """Return one set, each level once; those that differ by rounding are one, the lowest of them."""
     if not 2 <= len(given) <= 3:
         raise BadValue(f"{where}: give (levels, yes) or (levels, yes, trials), not {len(given)} things")
     x, k = (numbers(f"{where}: {name}", v) for name, v in zip(("levels", "yes"), given, strict=False))
@@ -442,9 +596,13 @@ def _set(key: object, given: Sequence[ArrayLike], log: bool) -> Sets:
             )
             more = ", yes from 0 to the number of trials" if name == "yes" else ""
             raise BadValue(f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name} {what}{more}")
-    unique, at_level = np.unique(np.log10(x[n > 0]) if log else x[n > 0], return_inverse=True)
+    unique, at_level = np.unique(x[n > 0], return_inverse=True)
     if not unique.size:
         raise BadValue(f"{where}: there are no trials")
+    new = np.append(True, np.diff(unique) > SAME * np.abs(unique[1:]))
+    unique, at_level = unique[new], (np.cumsum(new) - 1)[at_level]
+    if log:
+        unique = np.log10(unique)
     if np.abs(unique).max() > LARGEST or 0 < np.ptp(unique) < 1 / LARGEST:
         raise BadValue(
             f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so that sums of squares exist"
@@ -482,11 +640,16 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
     eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])
     near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)  # but for lapses, they are separated
     flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < chi2.ppf(0.95, 1)
-    lapses = np.zeros_like(flat)
+    gain = np.zeros(flat.shape)
     if model.lapse is not None:
-        more = maximum(sets, middle, model._replace(lapse=None)).loglik
-        lapses = 2 * (more - found.loglik) > chi2.isf(2 * SURE_OF_LAPSES, 1)  # at the edge of its range: half of chi squared
-    names = np.select([found.b <= 0, near < 2, flat, lapses], ["falling", "separated", "flat", "lapses"], "")
+        gain = 2 * (maximum(sets, middle, model._replace(lapse=None)).loglik - found.loglik)
+    lapses = gain > chi2.isf(2 * SURE_OF_LAPSES, 1)  # at the edge of its range: half of chi squared
+    others = [0.5] if model.guess is None else [g for g in CHANCES if g != model.guess]
+    best = np.max([maximum(sets, middle, model._replace(guess=g)).loglik for g in others], axis=0)
+    better = 2 * (best - found.loglik)
+    guess = better > (AS_GOOD if model.guess is None else chi2.isf(SURE_OF_LAPSES, 1))
+    guess &= ~lapses | (better > gain)
+    names = np.select([found.b <= 0, near < 2, flat, guess, lapses], ["falling", "separated", "flat", "guess", "lapses"], "")
     return [str(name) for name in names]
 
 

@@ -22,7 +22,7 @@ LAPSES = 0.1  # the largest rate that is looked for
 STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
 STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
 """Where scoring starts: middle and slope, in spreads of the levels; where there may be several peaks."""
-ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses
+ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses, before it is scored with the rest
 DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7  # of the search for an end of an interval: steps, and how near 0 it ends
 FLOOR = 1e-15  # of a probability
 
@@ -177,7 +177,7 @@ def maximum(
     if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
         found = _climb(sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS)
     else:
-        found = _climb(sets, model, _search(sets, model, a, b, free), free, STEPS)
+        found = _climb(sets, model, _search(sets, model, a, b, free), (*free, model.lapse is None), STEPS)
     return found._replace(b=found.b / size)
 
 
@@ -201,38 +201,63 @@ def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool
     return found
 
 
-def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, bool], steps: int) -> Found:
-    """One row for each start; it is left alone when its steps have become small."""
+def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps: int) -> Found:
+    """One row for each start; it is left alone when its steps have become small.  A third in free is the rate of lapses."""
     shape = start.a.shape
     z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
-    lapse = start.lapse.reshape(-1, 1)
-    at = np.stack([start.a.ravel(), start.b.ravel()], axis=1)
-    loglik, step = _score(at, z, yes, n, model, lapse, free)
+    at = np.stack([start.a.ravel(), start.b.ravel(), start.lapse.ravel()], axis=1)
+    loglik, step = _score(at, z, yes, n, model, free)
     active = np.arange(len(at))
     for _ in range(steps):
         trial = at[active] + step[active]
-        new, newer = _score(trial, z[active], yes[active], n[active], model, lapse[active], free)
+        trial[:, 2] = np.clip(trial[:, 2], 0.0, np.maximum(LAPSES, at[active, 2]))
+        new, newer = _score(trial, z[active], yes[active], n[active], model, free)
         better = new >= loglik[active] - 1e-12 * np.abs(loglik[active])
         at[active[better]], loglik[active[better]] = trial[better], new[better]
         step[active] = np.where(better[:, None], newer, step[active] / 2)
         active = active[(np.abs(step[active]) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)]
         if not active.size:
             break
-    return Found(*(v.reshape(shape) for v in (at[:, 0], at[:, 1], lapse[:, 0], loglik)))
+    return Found(*(v.reshape(shape) for v in (*at.T, loglik)))
 
 
-def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, lapse: Array, free: tuple[bool, bool]) -> tuple[Array, Array]:
+def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...]) -> tuple[Array, Array]:
     """The log-likelihood of each row, and its step: the expected information's inverse times the gradient."""
-    eta = at[:, :1] + at[:, 1:] * z
+    eta, lapse = at[:, :1] + at[:, 1:2] * z, at[:, 2:]
     p, q = probability(eta, model, lapse)
     slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](eta)
     loglik = total(yes * np.log(p) + (n - yes) * np.log(q))
+    if free[2:] == (True,):
+        return loglik, _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
     g, w = slope * (yes / p - (n - yes) / q), n * slope * slope / (p * q)
     g0, g1, w0, w1, w2 = (total(v) for v in (g, g * z, w, w * z, w * z * z))
-    if free == (True, True):
+    if free[:2] == (True, True):
         det = w0 * w2 - w1 * w1 + FLOOR
-        return loglik, np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0], axis=1) / det[:, None]
-    return loglik, np.stack([free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)], axis=1)
+        return loglik, np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0, 0 * g0], axis=1) / det[:, None]
+    return loglik, np.stack([free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR), 0 * g0], axis=1)
+
+
+def _joint_step(
+    at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...], eta: Array, p: Array, q: Array, slope: Array
+) -> Array:
+    """Newton's step of all three; where the log-likelihood is not concave, by the expected information."""
+    F, density = (f(eta) for f in curve(model.link)[:2])
+    bent = slope * (-eta if model.link == "probit" else 1 - 2 * F)
+    both = -density * (2 if model.guess is None else 1)  # of the curve and the rate
+    line, rate = np.stack([free[0] + 0 * z, free[1] * z, 0 * z], axis=1), np.array([0.0, 0.0, 1.0])[:, None]
+    d = slope[:, None] * line + rate * (1 - 2 * F if model.guess is None else -F)[:, None]
+    r = yes / p - (n - yes) / q
+    gradient = total(d * r[:, None])
+    held = np.where(gradient[:, 2] > 0, at[:, 2] >= LAPSES, at[:, 2] <= 0)
+    d[held, 2], gradient[held, 2], both[held] = 0.0, 0.0, 0.0
+    outer = d[:, :, None] * d[:, None]
+    expected = total(outer * (n / (p * q))[:, None, None])
+    crossed = line[:, :, None] * rate + rate[:, None] * line[:, None]
+    second = line[:, :, None] * line[:, None] * bent[:, None, None] + crossed * both[:, None, None]
+    observed = total(outer * (yes / p**2 + (n - yes) / q**2)[:, None, None] - second * r[:, None, None])
+    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(3)  # what is held has none
+    concave = np.linalg.eigvalsh(observed + little)[:, :1, None] > 0
+    return np.linalg.solve(np.where(concave, observed, expected) + little, gradient[..., None])[..., 0]
 
 
 def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:

@@ -32,14 +32,15 @@ By = float | Mapping[str, float]
 class Psychometric:
     """An observer of parameters, who looks at a trial's level alone.
 
-    Says "more" with the probability l + (1 - 2 l) F((level - PSE)/sigma).
+    Says "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where g is the trial's chance
+    level; of a comparison, g = l.
 
     Parameters
     ----------
     pse, sigma : float or dict of str to float
         In the unit of the level (of log10 of it with ``log``: sigma), or one for each condition.
     lapse : float
-        Half the part of the trials in which the answer is a coin's.
+        Half the part of the trials in which the answer is a coin's; of a detection, the rate of misses.
     log : bool
         Spread over log10 of the level.
     link : {"probit", "logit"}
@@ -78,7 +79,7 @@ class Psychometric:
         if not (sigma > 0 and 0 <= self.lapse <= 0.5):
             raise BadValue(f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from 0 to 0.5")
         away = math.log10(trial.level / pse) if self.log else trial.level - pse
-        return float(probability(away / sigma, Model(self.link), self.lapse)[0])
+        return float(probability(away / sigma, Model(self.link, trial.chance), self.lapse)[0])
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """An answer to the first question; one number is drawn."""
@@ -230,7 +231,7 @@ def _of(v: By, condition: str, name: str) -> float:
 
 
 # Many of them ----------------------------------------------------------------------------------------------------------
-COLUMNS = ("participant", "number", "condition", "track", "level", "outcome")
+COLUMNS = ("participant", "number", "condition", "track", "level", "chance", "outcome")
 
 
 def simulate(
@@ -264,8 +265,9 @@ def simulate(
     Returns
     -------
     dict of str to list
-        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level``, ``outcome``, and each
-        question by its name; training is left out.  The same on every run and with any number of workers.
+        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level``, ``chance`` (of
+        the task), ``outcome``, and each question by its name; training is left out.  The same on every run and
+        with any number of workers.
 
     Raises
     ------
@@ -290,7 +292,7 @@ def simulate(
     >>> ask = choice("stiffer", "Which was stiffer?", "first", "second")
     >>> springs = Experiment("springs", "1", {"spring": spring}, stairs, (ask,), fs=1000.0, safety=10.0)
     >>> found = simulate(springs, Psychometric(117.0, 15.0), participants=4)
-    >>> fit = psychometric(found["level"], found["outcome"])
+    >>> fit = psychometric(found)
     >>> fit.problems, 105 < fit.pse < 130
     ((), True)
     """
@@ -331,7 +333,7 @@ def _participant(experiment: Experiment, observer: Observer, code: str, session:
         experiment.check(trial)
         if not trial.training:
             asked = (answer.values.get(q.name) for q in experiment.questions)
-            rows.append((code, number, trial.condition, trial.track, trial.level, outcome(trial, answer), *asked))
+            rows.append((code, number, trial.condition, trial.track, trial.level, trial.chance, outcome(trial, answer), *asked))
     if not number:
         raise BadValue(f"the design of {code}, session {session}, has no trial")
     return rows

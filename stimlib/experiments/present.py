@@ -1,8 +1,7 @@
 """A trial on a sink: its intervals as one program, to the sample, and what came out of it.
 
-A stimulus of an interval is its scene times a window. Parameters that differ between the intervals of one scene follow a
-timeline, which changes them while nothing is displayed. So a trial is one scene with one log, on any sink, with a hand that
-moves as it likes; it is replayed and verified like any other session.
+A stimulus of an interval is a segment: its scene as it is rendered alone, times a window. So a trial is one scene with one
+log, on any sink, with a hand that moves as it likes; it is replayed and verified like any other session.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import timeline, white_noise
-from ..core.graph import Block, Enabled, Param, constant, reach, signals
+from ..blocks import segment, timeline, where, white_noise
+from ..core.graph import Block, constant
 from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, SceneError, StimlibError, UnknownName
+from ..errors import BadValue, StimlibError, UnknownName
 from ..files.log import LogWriter, header
 from ..files.replay import delivered
 from ..files.session import read_log
 from ..run.safety import Safety
 from .experiment import Experiment
-from .trial import Stimulus, Trial
+from .trial import Trial
 
 if TYPE_CHECKING:
     from .session import Session
@@ -68,14 +67,18 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
         All outputs of the experiment, in the order of its scenes, so that each has the same channel in every trial; 0 outside of
         their intervals. And the masking noise, if there is any.
     params : dict of str to float
-        Those that do not change during the trial.
+        Parameters that differ from the scenes'. Of several intervals each has its own, with its number behind the name:
+        ``k_1``, ``k_2``.
 
     Raises
     ------
     BadValue, UnknownName
-        A trial that the experiment does not allow (``Experiment.check``); stimuli with different seeds.
-    SceneError
-        A parameter that differs between the intervals and stands inside ``enabled``.
+        A trial that the experiment does not allow (``Experiment.check``).
+
+    Notes
+    -----
+    The run has the seed of the first stimulus. In its interval each stimulus has its own: of two equal ones, the noises are
+    the same samples.
 
     Examples
     --------
@@ -96,52 +99,21 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     [0.0, 1.0, 1.0, 0.0, 0.0, 3.0, 3.0, 0.0]
     """
     experiment.check(trial)
-    if len({s.seed for s in trial.stimuli}) != 1:
-        raise BadValue(f"condition {trial.condition!r}: the stimuli of one trial must have one seed, they are one run")
-    at = [(a / experiment.fs, b / experiment.fs) for a, b in spans(experiment, trial)]
     outputs: dict[str, Block] = {}  # of the scenes of this trial
     start: dict[str, float] = {}
-    for name in dict.fromkeys(s.scene for s in trial.stimuli):
-        mine = [(span, s) for span, s in zip(at, trial.stimuli, strict=True) if s.scene == name]
-        scene, params = _following(experiment.scenes[name], mine)
-        window = timeline(_window([span for span, _ in mine], experiment.timing.ramp), "cosine")
-        for output, block in scene.outputs.items():
-            y = window * block
-            outputs[output] = outputs[output] + y if output in outputs else y
-        for param, value in params.items():
-            if start.setdefault(param, value) != value:
-                raise BadValue(f"condition {trial.condition!r}: the parameter {param!r} of two scenes differs: name them apart")
+    for i, ((a, b), s) in enumerate(zip(spans(experiment, trial), trial.stimuli, strict=True), 1):
+        scene, at, long, ramp = experiment.scenes[s.scene], a / experiment.fs, (b - a) / experiment.fs, experiment.timing.ramp
+        own = {name: f"{name}_{i}" if len(trial.stimuli) > 1 else name for name in scene.params}
+        start |= {own[name]: float(v) for name, v in s.params.items() if v != scene.params[name].value}
+        window = timeline([(0.0, 0.0), (ramp, 1.0), (long - ramp, 1.0), (long, 0.0)], "cosine")
+        seed = None if s.seed == trial.stimuli[0].seed else s.seed
+        for output, block in scene.renamed(own).outputs.items():
+            y = segment(window * block, at, long, seed)
+            outputs[output] = where(y.by, y, outputs[output]) if output in outputs else y  # a sum would make 0 of -0
     every = {name: outputs.get(name, constant(0.0, str(unit))) for name, unit in experiment.outputs.items()}
     if m := experiment.masking:
         every[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
     return Scene(every), start
-
-
-def _window(at: list[tuple[float, float]], ramp: float) -> list[tuple[float, float]]:
-    """0, and 1 in the intervals, with ramps within them."""
-    return [p for a, b in at for p in ((a, 0.0), (a + ramp, 1.0), (b - ramp, 1.0), (b, 0.0))]
-
-
-def _following(scene: Scene, mine: list[tuple[tuple[float, float], Stimulus]]) -> tuple[Scene, dict[str, float]]:
-    """The scene with parameters that change where an interval has ended, and those that do not change."""
-    told = [{n: float(s.params.get(n, p.value)) for n, p in scene.params.items()} for _, s in mine]
-    changing = [n for n in scene.params if len({t[n] for t in told}) > 1]
-    start = {n: v for n, v in told[0].items() if n not in changing and v != scene.params[n].value}
-    if not changing:
-        return scene, start
-    ends = [0.0, *(b for (_, b), _ in mine[:-1])]
-    new: dict[int, Block] = {}
-    for b in reach(scene.outputs.values()):
-        if isinstance(b, Param) and b.name in changing:
-            new[id(b)] = timeline([(at, t[b.name]) for at, t in zip(ends, told, strict=True)], "step", b.unit)
-        elif isinstance(b, Enabled) and (inside := {p.name for p in reach([b.block]) if isinstance(p, Param)} & {*changing}):
-            raise SceneError(
-                f"the parameter {min(inside)!r} differs between the intervals of a trial and stands inside enabled(..), whose "
-                "clock is its own: multiply after the gate"
-            )
-        else:
-            new[id(b)] = dc.replace(b, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
-    return Scene({name: new[id(b)] for name, b in scene.outputs.items()}), start
 
 
 def _safety(experiment: Experiment) -> Safety:
@@ -218,13 +190,12 @@ def prepare(session: Session, sink: str) -> int:
     Returns
     -------
     int
-        Programs that were compiled: one for all trials that have the same scenes, and in which the same parameters change.
+        Programs that were compiled: one for all trials that have the same scenes.
     """
     e, done = session.experiment, set()
     with suppress(Exception):  # of a design, on an answer that nobody may give
         for trial in islice(session.ahead() if sink not in FAST else (), AHEAD):
-            first = trial.stimuli[0].params
-            kind = tuple((s.scene, *(n for n, v in s.params.items() if v != first.get(n))) for s in trial.stimuli)
+            kind = tuple(s.scene for s in trial.stimuli)
             if kind in done:
                 continue
             done.add(kind)
@@ -262,7 +233,8 @@ def present(
     -------
     dict
         JSON data: ``sink``, ``fs``, ``scene`` (hash of the program), ``seed``, ``params`` at its start, ``intervals`` (first
-        sample and the one after the last), what the sink reports (``produced``, ``delivered``, ``lost``, ``underruns``,
+        sample and the one after the last), ``time`` ("own", see
+        `stimlib.experiments.trial.Record.time`), what the sink reports (``produced``, ``delivered``, ``lost``, ``underruns``,
         ``clips``, ``faults``, ``stale``); with a log its name, and ``peak`` and ``rms`` of each output in each interval as they
         were delivered, after all limits; with a cursor ``following``, see `followed`.
 
@@ -290,7 +262,8 @@ def present(
             experiment.hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k not in ("block_time", "latency", "unlogged", "skipped")}
-    shown = {"sink": sink, "fs": experiment.fs, "scene": scene.hash, "seed": seed, "params": params, "intervals": at, **told}
+    shown = {"sink": sink, "fs": experiment.fs, "scene": scene.hash, "seed": seed, "params": params, "intervals": at}
+    shown |= {"time": "own", **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 

@@ -17,12 +17,12 @@ _NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
 
 @dc.dataclass(frozen=True)
 class Quest:
-    """The level that is expected to tell most about a cumulative normal: mean, standard deviation, lapses.
+    """A design that shows the level expected to tell most about a cumulative normal: mean, deviation, lapses.
 
     Parameters
     ----------
     task : Task
-        Of outcomes 0 and 1.
+        Of outcomes 0 and 1.  Its ``chance`` is the curve's chance level, as `stimlib.experiments.tasks.Pair` has it.
     levels : tuple of float
         Those that may be shown, bounds included.
     means, deviations : tuple of float
@@ -41,7 +41,8 @@ class Quest:
 
     Notes
     -----
-    p(1) = lapse + (1 - 2 lapse) Phi((level - mean) / deviation), ``norm_cdf_2`` of questplus.
+    p(1) = g + (1 - g - lapse) Phi((level - mean) / deviation), with g the task's chance level, 0.5 of a
+    detection in two intervals (``norm_cdf`` of questplus); of a comparison, g = lapse (``norm_cdf_2``).
 
     Examples
     --------
@@ -91,28 +92,31 @@ class Quest:
         return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
 
 
-def _facts(design: Quest, state: State) -> tuple[Quest, tuple[float, ...], tuple[int, ...]]:
-    return dc.replace(design, task=None), tuple(state["levels"]), tuple(state["outcomes"])  # type: ignore[arg-type]
+def _facts(design: Quest, state: State) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
+    alone = dc.replace(design, task=None)  # type: ignore[arg-type]  # a task may be no key of a cache
+    return alone, getattr(design.task, "chance", None), tuple(state["levels"]), tuple(state["outcomes"])
 
 
 @lru_cache(maxsize=32)
-def _level(design: Quest, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> float:
-    return float(_posterior(design, levels, outcomes).next_stim["intensity"])
+def _level(design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> float:
+    return float(_posterior(design, chance, levels, outcomes).next_stim["intensity"])
 
 
 @lru_cache(maxsize=32)
-def _posterior(design: Quest, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> Any:
+def _posterior(design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> Any:
     """What is known after these answers; the last ones are kept, so that a session takes one step a trial."""
     if not levels:
         of = {"mean": design.means, "sd": design.deviations, "lapse_rate": design.lapses}
+        if chance is not None:
+            of["lower_asymptote"] = (chance,)
         return package("questplus", "Quest", "'stimlib[experiments]'").QuestPlus(
             stim_domain={"intensity": list(design.levels)},
             param_domain={k: list(v) for k, v in of.items()},
             outcome_domain={"response": list(_NAMES)},
-            func="norm_cdf_2",
+            func="norm_cdf_2" if chance is None else "norm_cdf",
             stim_scale="linear",
         )
-    known = copy.copy(_posterior(design, levels[:-1], outcomes[:-1]))
+    known = copy.copy(_posterior(design, chance, levels[:-1], outcomes[:-1]))
     known.stim_history, known.resp_history = list(known.stim_history), list(known.resp_history)
     known.update(stim={"intensity": levels[-1]}, outcome={"response": _NAMES[1 - outcomes[-1]]})
     return known

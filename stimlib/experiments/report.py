@@ -14,11 +14,11 @@ from ..checks.figures import svg
 from ..checks.page import STYLE, facts, items
 from ..core import regular
 from ..errors import UnknownName, shown
-from .fits import Fit
+from .fits import Fit, logarithmic
 from .tables import Columns, grouped, plain
 
 SHOWN = ("pse", "pse_interval", "jnd", "jnd_interval", "slope", "intercept", "lapse", "trials", "levels", "problems")
-HEADS = {"pse": "PSE", "pse_interval": "PSE, interval", "jnd": "JND", "jnd_interval": "JND, interval"}
+HEADS = {"pse": "{what}", "pse_interval": "{what}, interval", "jnd": "JND", "jnd_interval": "JND, interval"}
 NEEDED = ("participant", "condition", "level", "outcome", "track", "number")
 ACROSS = 4  # pictures in a row
 
@@ -91,8 +91,8 @@ def write_report(
             raise UnknownName(f"report: a fit of {alien[0]!r}, of which there are no answers; by = {', '.join(by)}")
         label = f"level / {unit}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
-        parts.append(f"<h2>Psychometric functions</h2>{svg(lambda figure: _curves(figure, answers, fits, label), size)}")
-        parts.append(f"<p>Fits that are not to be used as they are:</p>{items(flagged)}{_table(_fits(fits, by))}")
+        parts.append(f"<h2>Psychometric functions</h2>{svg(lambda figure: _curves(figure, fits, label), size)}")
+        parts.append(f"<p>Fits that are not to be used as they are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}")
     if any(columns["track"]):
         tracks = grouped(columns, ("participant", "condition"))
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
@@ -126,14 +126,21 @@ def _counts(columns: Columns) -> dict[str, str]:
     }
 
 
-def _fits(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str]) -> list[dict[str, Any]]:
-    return [dict(zip(by, key, strict=True)) | {name: getattr(fit, name) for name in SHOWN} for key, fit in fits.items()]
+def _fits(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -> list[dict[str, Any]]:
+    """Return a row for each fit; a JND of a logarithmic axis is a part of the PSE, and has no unit."""
+    what = " or ".join(dict.fromkeys(fit.name for fit in fits.values()))
+    in_unit = f" / {unit}" if unit else ""
+    logs = any(fit.log for fit in fits.values())
+    heads = {name: HEADS.get(name, name.replace("_", " ")).format(what=what) for name in SHOWN}
+    for name in HEADS:
+        heads[name] += f", part of the {what}" if logs and name.startswith("jnd") else in_unit
+    return [dict(zip(by, key, strict=True)) | {heads[name]: getattr(fit, name) for name in SHOWN} for key, fit in fits.items()]
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     if not rows:
         return "<p>nothing</p>"
-    head = "".join(f"<th>{_q(HEADS.get(name, name.replace('_', ' ')))}</th>" for name in rows[0])
+    head = "".join(f"<th>{_q(name.replace('_', ' '))}</th>" for name in rows[0])
     body = "".join(f"<tr>{''.join(_cell(v) for v in row.values())}</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{body}</table>"
 
@@ -159,30 +166,11 @@ def _axes(figure: Any, n: int) -> Any:
     return axes[:n]
 
 
-def _logarithmic(axis: Any, scale: Any) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
-    scale("log")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _curves(figure: Any, answers: Mapping[tuple, Columns], fits: Mapping[tuple, Fit], label: str) -> None:
-    """Proportions (area: how many trials) and the fit of each, with the interval of its PSE."""
+def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
+    """Draw each fit, with its answers and the interval of its middle."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
-        level, yes = np.array(answers[key]["level"], float), np.array(answers[key]["outcome"], float)
-        at, where, n = np.unique(level, return_inverse=True, return_counts=True)
-        ax.scatter(at, np.bincount(where, yes) / n, s=8 * n, alpha=0.5, linewidths=0)
-        if np.isfinite(fit.pse):
-            x = np.geomspace(at[0], at[-1], 200) if fit.log else np.linspace(at[0], at[-1], 200)
-            ax.plot(x, fit(x), color="C1")
-            ax.plot(np.clip(fit.pse_interval, at[0], at[-1]), [fit(fit.pse)] * 2, color="C1", lw=3)
-        if fit.log:
-            _logarithmic(ax.xaxis, ax.set_xscale)
+        fit.draw(ax)
         ax.set_title(_label(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else "")))
-        ax.set(ylim=(-0.05, 1.05))
-        ax.grid(alpha=0.3)
     figure.supxlabel(_label(label))
     figure.supylabel("proportion of more")
 
@@ -193,7 +181,7 @@ def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
         for one in grouped(rows, ("track",)).values():
             ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7)
         if min(map(float, rows["level"])) > 0:
-            _logarithmic(ax.yaxis, ax.set_yscale)
+            logarithmic(ax.yaxis, ax.set_yscale)
         ax.set_title(_label(" ".join(map(str, key))))
         ax.grid(alpha=0.3)
     figure.supxlabel("trial")

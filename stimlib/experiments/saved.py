@@ -119,7 +119,8 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     Raises
     ------
     SinkError
-        No session; a line that was edited, is missing or is damaged: file and line are named.
+        No session; a line that was edited, is missing or is damaged: file and line are named; lines that are missing at
+        the end: their trials are named.
     BadValue
         A pilot where data are wanted, or data where a pilot is.
     """
@@ -136,8 +137,26 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
         raise SinkError(f"{folder / 'session.json'}: {e}") from e
     if header["pilot"] != pilot:
         raise BadValue(f"{folder} is {'a pilot, and no data' if header['pilot'] else 'no pilot, but data'}")
-    records, size, chain = _lines(folder / "trials.jsonl", hashlib.sha256(raw).hexdigest(), pilot)
+    said, path = _answered(folder), folder / "trials.jsonl"  # first: a session that runs has lines before them
+    records, size, chain = _lines(path, hashlib.sha256(raw).hexdigest(), pilot)
+    if len(records) < said:
+        raise SinkError(
+            f"{path} has {len(records)} trials, but {said} were answered, as other files of the session say: trials "
+            f"{len(records) + 1} to {said} are missing at its end. Put back a whole copy of it, or give another session"
+        )
     return Saved(folder, header, records, size, chain)
+
+
+def _answered(folder: Path) -> int:
+    """Return how many trials were answered at least, as the file ``answered`` and the logs of what was displayed say."""
+    logs = [re.match(r"trial-(\d{4,9})-", p.name) for p in folder.glob("trial-*.stimlog")]
+    begun = max((int(found[1]) for found in logs if found), default=1)  # the last may have no answer
+    path = folder / "answered"
+    try:
+        told = int(regular.read(path, "sidecar_bytes")) if os.path.lexists(path) else 0
+    except ValueError:
+        raise SinkError(f"{path} is damaged: it must have the number of answers; put back a copy of it") from None
+    return max(begun - 1, told)
 
 
 def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]:
@@ -196,8 +215,9 @@ def status(saved: Saved) -> dict[str, Any]:
     -------
     dict
         ``participant``, ``session``, ``pilot``, ``trials``, ``training``, ``conditions`` (trials by blinded name), ``replays``,
-        ``unanswered`` (logs of presentations to which no answer came, as the device failed or the session was left), ``lost``
-        samples, ``limited`` samples, ``last`` (date and time).
+        ``unanswered`` (logs of presentations to which no answer came, as the device failed or the session was left),
+        ``shared`` (trials whose intervals have a shared time, as older sessions have it: see
+        `stimlib.experiments.trial.Record.time`), ``lost`` samples, ``limited`` samples, ``last`` (date and time).
     """
     counts: dict[str, int] = {}
     for r in saved.records:
@@ -212,6 +232,7 @@ def status(saved: Saved) -> dict[str, Any]:
         "conditions": dict(sorted(counts.items())),
         "replays": sum(r.answer.replays for r in saved.records),
         "unanswered": len(logs - {d.get("log") for d in shown_once}),
+        "shared": sum(r.time == "shared" for r in saved.records),
         "lost": sum(d.get("lost", 0) for d in shown_once),
         "limited": sum(n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()),
         "last": saved.records[-1].ended if saved.records else "",
@@ -230,8 +251,8 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
     Returns
     -------
     dict of str to list
-        ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``, ``outcome``, ``seconds``, ``replays``,
-        ``training``, and each question that was asked by its name; None where a trial has not asked it.
+        ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``, ``chance`` (of the task), ``outcome``,
+        ``seconds``, ``replays``, ``training``, and each question that was asked by its name; None where a trial has not asked it.
     """
     rows = [(s, r) for s in found for r in (s.records if training else s.data)]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
@@ -239,7 +260,7 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         "participant": [s.header["participant"] for s, _ in rows],
         "session": [s.header["session"] for s, _ in rows],
         "number": [r.number for _, r in rows],
-        **{k: [getattr(r.trial, k) for _, r in rows] for k in ("condition", "track", "level")},
+        **{k: [getattr(r.trial, k) for _, r in rows] for k in ("condition", "track", "level", "chance")},
         "outcome": [r.outcome for _, r in rows],
         **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays")},
         "training": [r.trial.training for _, r in rows],

@@ -6,6 +6,8 @@ A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the na
     experiment, participant, number of the session, seed, versions; written once
 ``trials.jsonl``
     one JSON object a trial: the trial as asked for, the answer, what was displayed, and a SHA-256 over this line and all before
+``answered``
+    how many lines ``trials.jsonl`` has at least: one that lost lines at its end is refused
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.replay`
 ``spare``
@@ -79,7 +81,7 @@ class Session:
         self.folder = folder_of(experiment.name, data, participant, session, pilot)
         self.design = experiment.designed(participant, session)
         self.seed = experiment.seeded(participant, session)
-        self._resume, self._file, self._lock = resume, -1, -1
+        self._resume, self._file, self._lock, self._process = resume, -1, -1, -1
 
     def __enter__(self) -> Self:
         if self._resume and not self._there():
@@ -87,6 +89,7 @@ class Session:
         regular.make_folder(self.folder)
         busy = f"another run has the session {self.folder}: one participant cannot be in two at once"
         self._lock = regular.lock(self.folder, busy)
+        self._process = os.getpid()
         try:
             self._open()
         except BaseException:
@@ -101,8 +104,9 @@ class Session:
         self._close()
 
     def _close(self) -> None:
-        with suppress(OSError):
-            os.unlink(self.folder / "spare")
+        if self._process == os.getpid():
+            with suppress(OSError):
+                os.unlink(self.folder / "spare")
         for fd in (self._file, self._lock):
             if fd >= 0:
                 os.close(fd)
@@ -178,8 +182,9 @@ class Session:
         BadValue, UnknownName
             A trial that the experiment does not allow, such as beyond its bounds.
         SinkError
-            The disk has no room for its answer, or for the log of what is displayed.
+            The disk has no room for its answer, or for the log of what is displayed; or as `put`.
         """
+        self._check_process()
         trial = self.design.next(self.state)
         if trial is not None:
             self.experiment.check(trial)
@@ -213,8 +218,9 @@ class Session:
             A question that is not answered, or with no answer of its kind; an answer or what was displayed is no JSON data;
             nothing is written then.
         SinkError
-            It cannot be written.
+            It cannot be written; or this is a copy of the process (``os.fork``) that opened the session.
         """
+        self._check_process()
         trial = self.design.next(self.state)
         if trial is None:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
@@ -232,6 +238,10 @@ class Session:
     def blind(self, trial: Trial) -> str:
         """What may be shown of a trial's condition."""
         return blinded(self.seed, trial.condition)
+
+    def _check_process(self) -> None:
+        if self._process not in (os.getpid(), -1):
+            raise SinkError(f"process {self._process} has the session {self.folder}: only it may go on with it, no fork of it")
 
     # The disk -----------------------------------------------------------------------------------------------------------
     def _make_room(self, trial: Trial) -> None:
@@ -272,6 +282,8 @@ class Session:
         except OSError as e:
             raise SinkError(f"cannot write {self.folder / 'trials.jsonl'}: {e.strerror}; the answer is not kept") from e
         self._size, self._chain = self._size + len(data), chain
+        with suppress(SinkError):  # of a disk that is full: the answer is there
+            regular.publish(self.folder / "answered", f"{record.number}\n")
 
     def _write(self, data: bytes) -> None:
         """All of it, and on the disk, or nothing."""

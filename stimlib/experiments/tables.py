@@ -59,7 +59,7 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     Parameters
     ----------
     columns : dict of str to sequence
-        With ``level`` and ``outcome`` (1 for more), and those of ``by``.
+        With ``level``, ``outcome`` (1 for more), ``chance`` (of the task, if there is one), and those of ``by``.
     by : sequence of str
     **how
         As `stimlib.experiments.fits.psychometric`.
@@ -79,7 +79,7 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     if missing := [name for name in ("level", "outcome") if name not in columns]:
         raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
     groups = grouped(columns, by)
-    return psychometrics({key: (rows["level"], rows["outcome"]) for key, rows in groups.items()}, **how)
+    return psychometrics(groups, **how)
 
 
 def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:
@@ -109,6 +109,8 @@ def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
 
 def _fields(row: Any) -> dict[str, Any]:
     own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
+    if isinstance(row, Fit):
+        del own["data"]
     return own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept} if isinstance(row, Fit) else own
 
 

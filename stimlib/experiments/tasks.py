@@ -40,10 +40,15 @@ class Pair:
         Of the question: what says the first, what the second interval.
     asks_less : bool
         Whether the question asks which has less of what the level raises, such as "softer" of a stiffness.
+    detection : bool, optional
+        Whether the standard is no stimulus at all, so that chance level is 0.5.  By default it is where
+        ``standard`` sets ``varies`` to 0; say True where the standard is a scene of its own.
 
     Notes
     -----
-    The score of an answer is 1 where it says that the comparison has more.
+    The score of an answer is 1 where it says that the comparison has more.  Each trial says its
+    chance level, and `stimlib.experiments.fits.psychometric` and `stimlib.experiments.quest.Quest`
+    take it from there.
 
     Examples
     --------
@@ -53,6 +58,8 @@ class Pair:
     >>> trial = task.trial(5000.0, seed=1, n=0)
     >>> [s.params["k"] for s in trial.stimuli], trial.scores
     ([2000.0, 5000.0], {'first': 1.0, 'second': 0.0})
+    >>> Pair("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A").chance
+    0.5
     """
 
     condition: str
@@ -62,16 +69,25 @@ class Pair:
     varies: str
     choices: tuple[str, str] = ("first", "second")
     asks_less: bool = False
+    detection: bool | None = None
+
+    @property
+    def chance(self) -> float | None:
+        """Chance level of a detection, 0.5; None of a comparison."""
+        silent = self.standard.params.get(self.varies) == 0
+        return 0.5 if (silent if self.detection is None else self.detection) else None
 
     def trial(self, level: float, seed: int, n: int) -> Trial:
-        """Both stimuli, with the same noise key, and what each choice counts for."""
-        noise = seed_of(seed, "noise", self.condition, n)
+        """Both stimuli, each with noise of its own, and what each choice counts for."""
         comparison = dc.replace(self.comparison, params={**self.comparison.params, self.varies: level}, name="comparison")
-        pair = [dc.replace(s, seed=noise) for s in (dc.replace(self.standard, name="standard"), comparison)]
+        pair = [dc.replace(self.standard, name="standard", seed=seed_of(seed, "noise", self.condition, n))]
+        pair.append(dc.replace(comparison, seed=seed_of(seed, "noise of the comparison", self.condition, n)))
         second = bool(stream(seed, "order", self.condition, n).integers(2))  # whether the comparison comes second
         says_comparison = self.choices[second]
         scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
-        return Trial(self.condition, tuple(pair if second else pair[::-1]), (self.question,), level, scores=scores)
+        return Trial(
+            self.condition, tuple(pair if second else pair[::-1]), (self.question,), level, scores=scores, chance=self.chance
+        )
 
 
 @dc.dataclass(frozen=True)

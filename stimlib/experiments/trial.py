@@ -37,7 +37,7 @@ class Stimulus:
     params : dict of str to float
         Parameters that differ from the scene's.
     seed : int
-        Key of its noise; the stimuli of one trial have the same.
+        Key of its noise in its interval: stimuli of one seed have the same noise, those of different seeds independent ones.
     name : str
         What it is called in the analysis, such as "standard"; nobody sees it during the session.
     """
@@ -97,6 +97,10 @@ class Trial:
         To be discarded by the analysis.
     pause : float
         Seconds of rest that are due before this trial; they cannot be cut short.
+    chance : float, optional
+        Chance level: how often the outcome is 1 where the stimulus cannot be felt, 1/m where the right
+        one of m intervals is to be found, 0 for yes or no.  None: a comparison, whose curve is
+        symmetric.  Fits take it from here.
 
     Examples
     --------
@@ -119,6 +123,7 @@ class Trial:
     correct: Mapping[str, Any] = dc.field(default_factory=dict)
     training: bool = False
     pause: float = 0.0
+    chance: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data."""
@@ -153,6 +158,16 @@ class Record:
     answer: Answer
     displayed: Sequence[Mapping[str, Any]] = ()
     ended: str = ""
+
+    @property
+    def time(self) -> str:
+        """Say how the intervals of what was displayed last were made.
+
+        "own": each is a rendering of its stimulus alone. "shared", as older sessions have it: all are windows on one run,
+        whose time, states and noise begin with the trial. "": it was not displayed by `present`.
+        """
+        shown = self.displayed[-1] if self.displayed else {}
+        return shown.get("time", "shared" if "intervals" in shown else "")
 
     @property
     def outcome(self) -> Any:

@@ -210,23 +210,23 @@ def test_a_recording_at_another_rate_keeps_its_waves(ratio):
     f = 0.42 * min(1, ratio)
     k = np.arange(int(np.ceil(3000 * ratio)))
     middle = slice(k.size // 4, 3 * k.size // 4)
-    error = resampled(np.cos(2 * np.pi * f * n), ratio) - np.cos(2 * np.pi * f * k / ratio)
+    error = resampled(np.cos(2 * np.pi * f * n), 1, ratio) - np.cos(2 * np.pi * f * k / ratio)
     assert np.abs(error)[middle].max() < 1e-5
     above = 0.58 * ratio
-    assert above > 0.5 or np.abs(resampled(np.cos(2 * np.pi * above * n), ratio))[middle].max() < 1e-5
+    assert above > 0.5 or np.abs(resampled(np.cos(2 * np.pi * above * n), 1, ratio))[middle].max() < 1e-5
 
 
 def test_a_fast_recording_needs_little_memory():
     x = np.ones(20_000)  # at 1 MHz, for 1 kHz: each sample is a sum of 64000
     tracemalloc.start()
     try:
-        y = resampled(x, 1e-3)
+        y = resampled(x, 1, 1e-3)
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert abs(y[10] - 1.0) < 0.05
     assert most < 64e6
-    assert resampled(np.ones(2), 1e-300).size == 1
+    assert resampled(np.ones(2), 1, 1e-300).size == 1
 
 
 def test_a_burst_is_symmetric_and_has_the_area_of_a_rectangle():

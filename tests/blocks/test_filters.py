@@ -5,11 +5,12 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.optimize import brentq
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
 from stimlib import blocks as b
-from stimlib.blocks.filters import Filter
+from stimlib.blocks.filters import Cascade, Filter
 from stimlib.checks.verify import verify
 from stimlib.design import responses
 from stimlib.design.sections import KINDS, ORDERS, designed
@@ -139,6 +140,33 @@ def test_filtered_noise_is_proven():
     assert max(c.measured for c in laws) < 1e-13
 
 
+SETTINGS = [(part / 2, q) for part in np.linspace(0.01, 0.95, 20) for q in (1.0, 5.0, 60.0)]
+
+
+@pytest.mark.parametrize("make", [b.resonator, b.notch])
+@pytest.mark.parametrize("fs", [1.0, 8000.0])
+def test_a_resonance_has_the_width_and_the_ring_of_its_docstring(make, fs):
+    """At 60 settings: the -3 dB edges are freq/q apart, and the poles shrink by the stated time constant."""
+    for part, q in SETTINGS:
+        block = make(X, part * fs, q)
+        p, s = block.design(fs)
+
+        def above_half(r, p=p):
+            return abs(complex(Cascade.transfer(p, np.exp(2j * np.pi * r)))) ** 2 - 0.5
+
+        edges = [brentq(above_half, *span, xtol=1e-15, rtol=1e-14) for span in ((part, 0.5 - 1e-13), (1e-6 * part, part))]
+        assert edges[0] - edges[1] == pytest.approx(part / q, rel=1e-9)
+        if (turn := np.pi * part / q) < np.pi / 4:
+            shrink = np.exp(-np.arctanh(np.tan(turn)))
+            h = []
+            for x in (1.0, 0.0, 0.0, 0.0, 0.0):
+                y, s = Cascade.step(p, s, x)
+                h.append(y)
+            # h[n+2] = a h[n+1] - (shrink of a sample)^2 h[n], of two equations
+            product = (h[3] ** 2 - h[2] * h[4]) / (h[2] ** 2 - h[1] * h[3])
+            assert product == pytest.approx(shrink**2, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -173,6 +201,7 @@ def test_what_makes_no_sense_is_told_at_once(make, text):
         (b.lowpass(X, 500), "lowpass: cutoff = 500 Hz does not fit below fs/2 = 500 Hz; lower it, or raise fs"),
         (b.bandpass(X, 400, 600), "bandpass: high = 600 Hz does not fit below fs/2"),
         (b.notch(X, 700, 1.0), "notch: freq = 700 Hz does not fit"),
+        (b.notch(X, 400, 0.7), "notch: width = 571.429 Hz does not fit below fs/2"),
         (b.svf(X, 700), "svf: cutoff = 700 Hz does not fit"),
         (b.moving_average(X, 1e-4), "moving_average: 0.0001 s is less than half a sample"),
         (

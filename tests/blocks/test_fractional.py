@@ -54,7 +54,7 @@ def weights(scheme, alpha, n):
     return v
 
 
-def full(x, alpha, fs, at=None, scheme="gl", onset="rest", path=False):
+def full(x, alpha, fs, at=None, scheme="gl", onset="steady", path=False):
     """h^-alpha sum_j v_j d[n-j] at these samples, the whole history in long double; with |d| where ``path``."""
     return _full(np.asarray(x, float).tobytes(), alpha, fs, tuple(range(len(x)) if at is None else at), scheme, onset, path)
 
@@ -62,7 +62,7 @@ def full(x, alpha, fs, at=None, scheme="gl", onset="rest", path=False):
 @cache  # the same for every tolerance
 def _full(x, alpha, fs, at, scheme, onset, path):
     x = np.frombuffer(x).astype(LD)
-    d = np.diff(x, prepend=x[0] if onset == "rest" else LD(0))
+    d = np.diff(x, prepend=x[0] if onset == "steady" else LD(0))
     d = np.abs(d) if path else d
     v = weights(scheme, alpha, x.size)
     return LD(fs) ** LD(alpha) * np.array([np.dot(v[: n + 1], d[n::-1]) for n in at])
@@ -105,7 +105,7 @@ def spots(n, many):
     return sorted({int(k) for k in np.geomspace(1, n - 1, many)} | {0, 1, 2, 7, 8, 9, 63, 64, 65})
 
 
-def check_full(proc, x, alpha, fs, tol, at=None, scheme="gl", onset="rest", largest=None):
+def check_full(proc, x, alpha, fs, tol, at=None, scheme="gl", onset="steady", largest=None):
     """Error within the bound, the bound within tol; what part of the bound was used."""
     at = range(x.size) if at is None else at
     f, bound = forces(proc, x, alpha if "a" in proc.inputs else None)
@@ -183,8 +183,8 @@ def test_the_certificate_is_tight_for_what_moves_one_way(alpha, tol):
 @extended
 @settings(max_examples=25)
 @given(
-    st.floats(0, 1), st.sampled_from(TOLS), st.sampled_from(["gl", "l1"]), st.sampled_from(["rest", "step"]), st.integers(0, 99),
-    st.sampled_from([1.0, 1e-9, 1e6]),
+    st.floats(0, 1), st.sampled_from(TOLS), st.sampled_from(["gl", "l1"]), st.sampled_from(["steady", "step"]),
+    st.integers(0, 99), st.sampled_from([1.0, 1e-9, 1e6]),
 )  # fmt: skip
 def test_any_movement_is_within_the_certificate(alpha, tol, scheme, onset, seed, size):
     rng = np.random.default_rng(seed)
@@ -269,7 +269,7 @@ def test_gl_converges_to_the_derivative_with_first_order():
 def test_spring_and_dashpot_are_exact(scheme, live, chi):
     fs, n = 1000.0, 3000
     x = 0.3 + moved("smooth", n, fs)
-    for onset, before in (("rest", x[0]), ("step", 0.0)):
+    for onset, before in (("steady", x[0]), ("step", 0.0)):
         for alpha, wanted in ((0.0, chi * (x - before)), (1.0, chi * (np.diff(x, prepend=before) * fs))):
             block = springpot(Y, chi, A if live else alpha, scheme=scheme, onset=onset)
             f = forces(stimlib.compile(Scene({"f": block}), fs), x, alpha if live else None)[0]
@@ -310,7 +310,7 @@ def some_input(proc, n, seed=0):
 
 @pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
-@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("onset", ["steady", "step"])
 def test_cuts_targets_and_states(live, scheme, onset):
     scene = some_scene(live, scheme=scheme, onset=onset)
     fast, slow = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
@@ -406,7 +406,7 @@ def test_live_weights_are_right_to_a_few_roundings(scheme):
     from stimlib.blocks.fractional import SpringpotLive, power, reweigh
     from stimlib.design import exponentials as soe
 
-    p, s = SpringpotLive(Y, A, constant(1.0), scheme, 1e-14, 86400.0, "rest").design(8000.0)
+    p, s = SpringpotLive(Y, A, constant(1.0), scheme, 1e-14, 86400.0, "steady").design(8000.0)
     rates = soe.rates(1e-14, 86400.0 * 8000)
     for alpha in ALPHAS[1:-1]:
         wanted = soe.weights(rates, scheme, alpha)
@@ -528,14 +528,25 @@ def test_downsampled_is_as_the_thesis_says(alpha):
         assert f[k] == pytest.approx(wanted, rel=1e-11, abs=1e-13)
 
 
+@pytest.mark.parametrize(("fs", "memory"), [(1000.0, 0.1), (8000.0, 0.1), (1000.0, 0.03)])
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 0.5, 0.9, 1.0])
-def test_short_memory_is_the_last_hundred_samples(alpha):
-    fs, n = 1000.0, 400
+def test_short_memory_is_the_last_seconds(alpha, fs, memory):
+    n = int(0.4 * fs)
     x = 0.1 + moved("smooth", n, fs)
-    f = forces(stimlib.compile(Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-short-memory")}), fs), x)[0]
-    w = binomials(alpha, 100)
+    proc = stimlib.compile(Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-short-memory", memory=memory)}), fs)
+    f = forces(proc, x)[0]
+    w = binomials(alpha, round(memory * fs))
     wanted = 2.0 * fs**alpha * np.convolve(x - x[0], w)[:n]
-    np.testing.assert_allclose(f, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+    np.testing.assert_allclose(f, wanted, rtol=0, atol=1e-16 * fs * np.abs(wanted).max())
+
+
+def test_short_memory_forgets_alike_at_every_rate():
+    """A hold ends at the force that the last 0.1 s leave; 100 samples at 8 kHz left 2.8 times as much."""
+    held = {}
+    for fs in (1000, 8000):
+        proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-short-memory")}), fs)
+        held[fs] = forces(proc, 0.01 * np.minimum(np.arange(fs) / (0.2 * fs), 1.0))[0, -1]
+    assert held[8000] == pytest.approx(held[1000], rel=1e-2)
 
 
 def test_the_thesis_methods_are_the_full_sum_for_a_tenth_of_a_second_and_then_are_not():
@@ -652,7 +663,7 @@ def test_units_and_sizes():
     assert proc.units["f"] == "N" and proc.units["n"] == "1"
     for fs in (1000.0, 8000.0):
         assert stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5)}), fs).state.size * 8 <= 1024
-    assert "0.5" in repr(Springpot(Y, constant(1.0), 0.5, "gl", 1e-10, 60.0, "rest"))
+    assert "0.5" in repr(Springpot(Y, constant(1.0), 0.5, "gl", 1e-10, 60.0, "steady"))
 
 
 @pytest.mark.parametrize(
@@ -666,7 +677,7 @@ def test_units_and_sizes():
         (lambda: springpot(Y, 1.0, A, tol=0.3), BadValue, "tol=0.1"),
         (lambda: springpot(Y, 1.0, 0.5, horizon=0.0), BadValue, "horizon"),
         (lambda: springpot(Y, 1.0, 0.5, scheme="bdf2"), BadValue, "gl, l1, gl-downsampled, gl-short-memory"),
-        (lambda: springpot(Y, 1.0, 0.5, onset="soft"), BadValue, "rest, step"),
+        (lambda: springpot(Y, 1.0, 0.5, onset="soft"), BadValue, "steady, step"),
         (lambda: springpot(Y, 1.0, A, scheme="gl-downsampled"), BadValue, "plain number"),
         (lambda: springpot(Y, 1.0, 0.5, scheme="gl-short-memory", certificate=True), BadValue, "no bound"),
         (lambda: springpot(Y, 1.0, 0.5, tol=Param("tol", 1e-9)), BadValue, "design number"),
@@ -697,7 +708,7 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
     wanted = full(x, alpha, fs, at)
     usual = soe.rates
     errors = []
-    for f in (usual, lambda tol, samples: usual(tol, samples)._replace(fine=0)):
+    for f in (usual, lambda *given: usual(*given)._replace(fine=0)):
         monkeypatch.setattr(soe, "rates", f)
         proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, tol=1e-14)}), fs)
         errors.append(np.max(np.abs(forces(proc, x)[0][at] / wanted - 1)))

@@ -70,6 +70,12 @@ def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):
     np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-15 * max(1, tau * fs) ** 1.0 + 3e-15)
 
 
+def test_a_slow_first_order_has_gain_1_at_0_hz():
+    """Its leak of 1.25e-10 a sample has all digits; a pole next to 1 in one word was 1e-7 off."""
+    proc = stimlib.compile(Scene({"y": first_order(Input("u"), 1e6)}), 8000.0, "python")
+    assert abs(proc.response("y", "u", np.array([0.0]))[0] - 1) < 1e-15
+
+
 def test_first_order_against_a_solver():
     fs, tau = 2000.0, 0.02
     t = np.arange(400) / fs
@@ -82,6 +88,29 @@ def test_first_order_against_a_solver():
 def test_first_order_keeps_a_constant():
     y = stimlib.compile(Scene({"y": first_order(Input("u"), 0.01)}), 1000).process(np.full((1, 2000), 7.0))[0]
     np.testing.assert_allclose(y[-100:], 7.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("fs", [1000.0, 8000.0])
+def test_a_kelvin_voigt_element_is_k_plus_i_w_b_within_its_stated_error(fs):
+    """From 0.1 Hz to a tenth of the rate, for parts of equal size and 100 times one another."""
+    for f in np.geomspace(0.1, fs / 10, 13):
+        w = 2 * np.pi * f
+        for k, damping in ((1.0, 1 / w), (100.0, 1 / w), (1.0, 100 / w)):
+            proc = stimlib.compile(Scene({"f": kelvin_voigt(x, k, damping)}), fs, "python")
+            got = proc.response("f", "x", np.array([f]))[0] * np.exp(0.5j * w / fs)  # half a sample later
+            assert -((w / fs) ** 2) / 8 - 1e-12 <= got.real / k - 1 <= 1e-12
+            assert -((w / fs) ** 2) / 24 - 1e-12 <= got.imag / (w * damping) - 1 <= 1e-12
+
+
+def test_a_kelvin_voigt_element_gives_the_mean_force_of_straight_motion():
+    """Against the integral of k x + b v over each sample; a hand that was always at 20 mm begins with k x alone."""
+    fs, k, damping = 1000.0, 300.0, 12.0
+    u = 0.02 + np.r_[0.0, np.random.default_rng(0).standard_normal(200).cumsum() * 1e-5]
+    force = stimlib.compile(Scene({"f": kelvin_voigt(x, Param("k", k, "N/m"), Param("b", damping, "N*s/m"))}), fs).process(
+        u[None]
+    )[0]
+    assert force[0] == k * u[0]
+    np.testing.assert_allclose(force[1:], k * (u[1:] + u[:-1]) / 2 + damping * np.diff(u) * fs, rtol=1e-14)
 
 
 def test_spring_and_damper():

@@ -61,11 +61,11 @@ def by_hand(experiment, saved):
         ((a, b),) = spans(experiment, record.trial)
         t = np.arange(b) / 1000
         alpha = float(record.trial.stimuli[0].scene)
-        force = stimlib.render(viscoelastic(alpha), {"y": sinusoid(amplitude, f)}, 1000, b / 1000)["force"][a:b]
+        y = sinusoid(amplitude, f)(t)[a:b]
+        force = stimlib.render(viscoelastic(alpha), {"y": y}, 1000)["force"]  # which knows of no motion before its interval
         rise = (1 - np.cos(pi * np.arange(20) / 20)) / 2
         force[:20] *= rise
         force[-20:] *= 1 - rise
-        y = sinusoid(amplitude, f)(t)[a:b]
         n = len(y)
         waves = np.stack([np.cos(2 * pi * f * t[:n]), np.sin(2 * pi * f * t[:n]), np.ones(n)], axis=1)
         weight = np.sin(pi * (np.arange(n) + 0.5) / n)

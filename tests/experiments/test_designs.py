@@ -8,6 +8,8 @@ import pytest
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
+from stimlib.experiments.fits import psychometric
+from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.squares import check_graeco_latin, graeco_latin
@@ -76,6 +78,26 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
         design.update(state, Answer({"softer": "first"}))
 
 
+@pytest.mark.parametrize("more", [False, True])
+def test_a_staircase_ends_where_every_answer_asks_for_a_level_beyond_its_bound(more):
+    """Somebody who is always wrong, or presses one key, was asked 1000 times; a fit then says that all answers are the same."""
+    found = levels(Staircase(PAIR, 5.0, (1.5, 20.0), up=1, down=3), lambda k: more)
+    assert found[-1] == (1.5 if more else 20.0) and found.count(found[-1]) == 20
+    assert psychometric(found, [more] * len(found)).problems == ("few",)
+    turns = iter([True, True, False] * 50)  # on the bound, and no end of it: not all answers ask for more
+    assert len(levels(Staircase(PAIR, 20.0, (1.5, 20.0), down=3, reversals=99, most=140), lambda k: next(turns))) == 140
+
+
+def test_a_pair_knows_whether_it_is_a_detection():
+    silent = Pair("felt", "which", Stimulus("tone", {"A": 0}), Stimulus("tone"), "A")
+    assert PAIR.chance is None and silent.chance == 0.5
+    assert dc.replace(PAIR, detection=True).chance == 0.5 and dc.replace(silent, detection=False).chance is None
+    trial = silent.trial(0.2, seed=1, n=0)
+    assert trial.chance == 0.5 and Trial.from_dict(trial.to_dict()) == trial
+    old = {name: value for name, value in trial.to_dict().items() if name != "chance"}
+    assert Trial.from_dict(old).chance is None  # a log of 0.2.0
+
+
 @pytest.mark.parametrize(
     "wrong, why",
     [
@@ -90,6 +112,8 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
         ({"up": 0}, "up = 0"),
         ({"down": 0}, "down = 0"),
         ({"most": 0}, "most = 0"),
+        ({"stuck": 0}, "stuck = 0"),
+        ({"task": dc.replace(PAIR, detection=True)}, "chance level of this task; give down=3"),
     ],
 )
 def test_a_staircase_that_makes_no_sense(wrong, why):
@@ -112,8 +136,7 @@ def test_order_of_a_pair_is_random_and_scores_follow_it():
         standard = next(i for i, s in enumerate(t.stimuli) if s.name == "standard")
         assert t.scores[("first", "second")[standard]] == 1.0  # the standard was softer: the comparison is more
         assert t.stimuli[standard].params == {"k": 2.0} and t.stimuli[1 - standard].params == {"A": 3.4, "k": 5.0}
-        assert t.stimuli[0].seed == t.stimuli[1].seed
-    assert len({t.stimuli[0].seed for t in trials}) == 400
+    assert len({s.seed for t in trials for s in t.stimuli}) == 800  # noise of its own in each interval
 
 
 def test_one_more_track_or_part_changes_no_other_draw():
@@ -207,6 +230,20 @@ def test_quest_finds_the_mean_and_goes_on_from_its_state():
     again = dc.replace(design, trials=11)  # nothing of it is known yet: as a resumed session has it
     cold = {k: v if k == "seed" else v[:9] for k, v in state.items()}
     assert again.next(cold) == trials[9]
+
+
+def test_quest_finds_a_threshold_where_half_is_guessed():
+    """As a comparison's, its curve had to be flat and low: the levels stayed far from a threshold of 0.1."""
+    task = Pair("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+    steps = tuple(0.02 * k for k in range(1, 16))
+    design = Quest(task, steps, steps, (0.02, 0.05), trials=50)
+    observer = Psychometric(0.1, 0.03, lapse=0.02)
+    state = design.init(1)
+    rng = stream(5, "observer")
+    while (trial := design.next(state)) is not None:
+        state = design.update(state, observer(trial, rng))
+    assert design.estimate(state)["mean"] == pytest.approx(0.1, abs=0.025)
+    assert design.estimate(state)["lower_asymptote"] == 0.5
 
 
 @pytest.mark.parametrize("n", [3, 4, 5, 7, 8, 9, 10, 12, 14, 18, 22, 26, 30, 32])

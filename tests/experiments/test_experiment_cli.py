@@ -101,7 +101,7 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert "2 sessions" in stimlib("simulate", f"{file}:made", "--participants", 2, *where)
     assert "there is no session of pair" in stimlib("analyse", f"{file}:made", *where, status=2)
     table = stimlib("analyse", f"{file}:made", *where, "--pilot")
-    assert table.startswith("participant,session,number,condition,track,level,outcome,") and table.count("\n") == 9
+    assert table.startswith("participant,session,number,condition,track,level,chance,outcome,") and table.count("\n") == 9
     told = json.loads(stimlib("status", f"{file}:made", *where, "--json"))
     assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [("P1", True, 4), ("P2", True, 4)]
 
@@ -256,17 +256,18 @@ def test_a_session_that_is_suspended_gives_the_shell_its_terminal(pty, monkeypat
         assert look() == inside and stopped == [(signal.SIGTSTP, pty.before, signal.SIG_DFL)]
 
 
-def test_sigterm_ends_a_session_as_ctrl_c_does(file, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name, code", [("SIGTERM", 143), ("SIGHUP", 129)])
+def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeypatch, name, code):
     def terminated(self, text):
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(getattr(signal, name))
 
     monkeypatch.setattr(Terminal, "tell", terminated)
     monkeypatch.setattr(Terminal, "pick", terminated)
     who = [f"{file}:short", "--participant", "P1", "--session", "1", "--data", str(tmp_path), "--sink", "offline"]
-    said = stimlib("run", *who, status=143)
+    said = stimlib("run", *who, status=code)
     assert said.endswith(f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n")
     assert "the sessions of pair in " in stimlib("analyse", f"{file}:short", "--data", tmp_path, status=2), "no answers yet"
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(getattr(signal, name)) is signal.SIG_DFL
 
 
 @pytest.mark.parametrize("error", [SinkError, FaultError])

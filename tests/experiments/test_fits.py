@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from laws import STRESS
 
-from stimlib.errors import BadValue
+import stimlib
+from stimlib.blocks import oscillator
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.designs import Listed
+from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
 from stimlib.experiments.likelihood import Model, Sets, ends, maximum
+from stimlib.experiments.observers import Psychometric as Observer
+from stimlib.experiments.observers import simulate
+from stimlib.experiments.questions import choice
+from stimlib.experiments.tables import fitted
+from stimlib.experiments.tasks import Pair
+from stimlib.experiments.trial import Stimulus
 
 LEVELS, YES, ASKED = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([1, 4, 9, 17, 19, 20]), np.full(6, 20)
 
@@ -85,10 +95,28 @@ def test_a_rate_of_lapses_is_the_best_there_is():
     other = minimize(
         cost, [2, 0.5, 0.05], bounds=[(1.5, 2.5), (0.2, 2), (0.001, 0.1)], method="L-BFGS-B", options={"ftol": 1e-15}
     )
-    assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=5e-3)
-    assert fit.loglik >= -other.fun - 1e-4 and fit.guess == fit.lapse
+    assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=1e-5)
+    assert fit.loglik >= -other.fun - 1e-10 and fit.guess == fit.lapse
     ends = [psychometric(LEVELS, yes, ASKED, lapse=None, interval="none").lapse for yes in (YES, [5, 6, 9, 14, 15, 15])]
     assert ends == [0.0, pytest.approx(0.1)]  # neither below 0 nor beyond a tenth
+
+
+@pytest.mark.parametrize("guess", [None, 0.5])
+def test_the_likelihood_neither_rises_nor_falls_with_the_rate_of_lapses_that_is_found(guess):
+    """Of 48 people; the search alone ended on a grid of rates, up to 0.003 below the maximum."""
+    rng = np.random.default_rng(3)
+    low = 0.04 if guess is None else guess
+    p = low + (0.96 - low) * ndtr((LEVELS - 2.0) / 0.5)
+    yes = {k: rng.binomial(40, p) for k in range(48)}
+    fits = psychometrics(
+        {k: (LEVELS, v, np.full(LEVELS.size, 40)) for k, v in yes.items()}, lapse=None, guess=guess, interval="none"
+    )
+    inside = [k for k, fit in fits.items() if 0 < fit.lapse < 0.1 and not fit.problems]
+    for k in inside:
+        F, q = ndtr((LEVELS - fits[k].pse) / fits[k].sigma), fits[k](LEVELS)
+        gain = np.sum((yes[k] / q - (40 - yes[k]) / (1 - q)) * (1 - 2 * F if guess is None else -F))
+        assert abs(gain) < 1e-5  # the slope of the log-likelihood over the rate; hundreds within a step of the grid
+    assert len(inside) >= 20
 
 
 def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
@@ -225,6 +253,82 @@ def test_lapses_are_told_and_can_be_fitted():
         assert other.problems == () and other.sigma < 0.6 and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
     near, far = (psychometric([*levels[:5], v], [0, 3, 10, 17, 20, 19], ASKED, interval="none") for v in (3.6, 3.75))
     assert (near.problems, far.problems) == ((), ("lapses",))  # twice the gain is 4.6 and 6.1; one in a hundred passes 5.4
+
+
+# The task ------------------------------------------------------------------------------------------------------------
+def test_the_threshold_of_a_detection_has_the_chance_level_of_its_task():
+    """A standard of no amplitude: answers, observer and fit know that half of all answers are right by chance."""
+    task = Pair("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+    levels = np.geomspace(0.02, 0.5, 7).tolist()
+    tone = stimlib.Scene({"v": stimlib.Param("A", 0.1) * oscillator(250)})
+    trials = Listed(tuple((task, v) for v in levels), repeats=40)
+    buzz = choice("buzz", "Which one was it?", "first", "second")
+    made = Experiment("buzz", "1", {"tone": tone}, trials, (buzz,), fs=8000.0, safety=1.0)
+    answers = simulate(made, Observer(0.1, 0.2, log=True), 1)
+    assert set(answers["chance"]) == {0.5}
+    for fit in (psychometric(answers, log=True, unit="V"), fitted(answers, log=True, unit="V")["P01", "felt"]):
+        assert (fit.guess, fit.name, fit.problems) == (0.5, "threshold", ()) and fit.pse_interval[0] < 0.1 < fit.pse_interval[1]
+        assert str(fit).startswith(f"threshold {fit.pse:.4g} V [") and str(fit).endswith(f"JND {fit.jnd:.0%} of it")
+        assert fit(0.0) == 0.5 and fit(np.array([[1e9]])) == pytest.approx(1.0)
+    alone = psychometric(answers["level"], answers["outcome"], log=True)
+    assert alone.problems == ("guess",) and "PSE" in str(alone) and "0.5 about as well" in alone.advice()[0]
+    assert alone.pse < 0.06  # what comes out without the task: half of the truth
+    assert psychometric(answers, log=True, guess=0.0).guess == 0.0  # who says a rate means it
+
+
+def test_a_table_of_answers_is_taken_whole():
+    rows = {"level": [1, 1, 2, 2, 3, 3], "outcome": [0, 0, 1, 0, 1, 1]}
+    assert repr(psychometric(rows)) == repr(psychometric(rows["level"], rows["outcome"]))
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(rows | {"chance": [None] * 6})
+    assert repr(psychometric(table)) == repr(psychometric(rows))
+    assert repr(psychometric(table.assign(chance=0.5))) == repr(psychometric(rows, guess=0.5))
+    both = psychometrics({"a": rows, "b": rows | {"chance": [0.5] * 6}, "c": (rows["level"], rows["outcome"])})
+    assert [fit.guess for fit in both.values()] == [0, 0.5, 0] and list(both) == ["a", "b", "c"]
+    with pytest.raises(BadValue, match="chance levels .*fit each task by itself"):
+        psychometric(rows | {"chance": [0.5] * 3 + [None] * 3})
+    with pytest.raises(UnknownName, match="no column 'outcome'; there are level"):
+        psychometric({"level": [1, 2]})
+
+
+def flagged(z, chance, people, n=20, **how):
+    """How often of these people "guess" is among the problems."""
+    p = chance + (1 - chance) * ndtr(z)
+    drawn = np.random.default_rng(7).binomial(n, p, (people, z.size))
+    fits = psychometrics({k: (z, yes, np.full(z.size, n)) for k, yes in enumerate(drawn)}, interval="none", **how)
+    return sum("guess" in fit.problems for fit in fits.values()) / people
+
+
+@pytest.mark.longer
+def test_a_wrong_chance_level_is_flagged_and_a_right_one_is_not():
+    """As docs/reference/experiments_analysis says; of 100 people, where none should be flagged two at most may be."""
+    people, off = (2000, 0.0) if STRESS else (100, 0.01)
+    z = np.linspace(-2, 2, 7)  # levels, in sigmas from the middle
+    assert flagged(z, 0.0, people) <= 0.01 + off  # a comparison
+    assert flagged(z, 0.5, people, guess=0.5) <= 0.01 + off  # a detection
+    assert flagged(z, 0.5, people) >= 0.9  # a detection that is taken for a comparison
+    assert flagged(z, 0.0, people, guess=0.5) >= 0.85  # a comparison that is taken for a detection; the rest: "separated"
+
+
+def test_levels_that_differ_by_rounding_are_one():
+    fit = psychometric([0.1, 0.10000000000000002, 0.2, 0.2, 0.3], [0, 1, 0, 1, 1])
+    assert fit.levels == 3 and fit.data == ((0.1, 1, 2), (0.2, 1, 2), (0.3, 1, 1))
+    steps = [1.0, *(10 ** (3 / 20) ** 1 * 10 ** (-3 / 20) * np.ones(3))]  # up and down again
+    assert psychometric([*steps, 2.0], [0, 1, 0, 1, 1], log=True).levels == 2
+    assert psychometric([-1.0, -1.0 - 1e-9, 1e-9, 0.0], [0, 1, 0, 1]).levels == 4
+
+
+def test_a_fit_is_drawn_with_its_data_and_interval():
+    fit = psychometric(LEVELS, YES, ASKED, log=True, unit="N/mm")
+    ax = fit.plot().axes[0]
+    (points,), (curve, interval) = ax.collections, ax.lines
+    assert np.ma.getdata(points.get_offsets()) == pytest.approx(np.column_stack([LEVELS, YES / ASKED]))
+    x, y = curve.get_data()
+    assert y == pytest.approx(fit(x)) and (x[0], x[-1]) == pytest.approx((1, 4))
+    assert list(interval.get_xdata()) == pytest.approx(fit.pse_interval)
+    assert (ax.get_xlabel(), ax.get_xscale()) == ("level / N/mm", "log")
+    few = psychometric([1.0, 2.0], [0, 0])
+    assert not few.plot().axes[0].lines and str(few) == "PSE nan [nan, nan], JND nan; problems: few"
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def test_a_listener_hears_the_noise_of_its_trial():
 # Whole experiments -----------------------------------------------------------------------------------------------------
 def test_a_participant_more_changes_no_other():
     two, three = (simulate(experiment(), Psychometric(2.34, 0.3), n) for n in (2, 3))
-    assert set(two) == {"participant", "number", "condition", "track", "level", "outcome", "softer"}
+    assert set(two) == {"participant", "number", "condition", "track", "level", "chance", "outcome", "softer"}
     assert {name: column[: len(two["level"])] for name, column in three.items()} == two
     first = [v for v, who in zip(two["level"], two["participant"], strict=True) if who == "P01"]
     assert two["number"][: len(first)] == list(range(1, len(first) + 1)) and len(first) < len(two["level"])

@@ -1,6 +1,7 @@
 """Sessions: presented to the sample, logged line by line, resumed after any end, and refused where something was changed."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,12 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from experiments.some import QUESTION, SPRING, TASK, experiment, nothing, observer, simulate, some, still
+from laws import assert_same, random_cuts
+from laws import run as cut_run
 
 import stimlib
 import stimlib.experiments.streams
+from stimlib.blocks import timeline
+from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, SceneError, SinkError, UnknownName
+from stimlib.errors import BadValue, SinkError, UnknownName
 from stimlib.experiments.designs import Listed, Parts
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.present import prepare, present, program, spans
@@ -24,9 +29,10 @@ from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import columns, read, sessions, status
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Identify, Show
-from stimlib.experiments.trial import Answer, Stimulus, Trial
+from stimlib.experiments.trial import Answer, Record, Stimulus, Trial
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
+from stimlib.scenes import SHIPPED
 
 
 # Trials are scenes ---------------------------------------------------------------------------------------------------
@@ -44,10 +50,18 @@ def test_intervals_are_there_to_the_sample_and_nothing_between(tmp_path):
     log = read_log(tmp_path / "a.stimlog")
     assert log.seed == 5 and replay(log).matches
     assert (tmp_path / "a.stimlog" / "delivered.caf").stat().st_size > 4 * shown["delivered"]
-    force = stimlib.render(program(made, pair())[0], {"x": still}, fs=1000, seconds=0.5)["force"]
+    scene, params = program(made, pair())
+    force = stimlib.render(scene, {"x": still}, fs=1000, seconds=0.5, params=params)["force"]
     wanted = np.zeros(500)
     wanted[128:228], wanted[278:378] = 1.0, 3.0
     assert (force == wanted).all()
+
+
+def window(long, ramp, fs):
+    """Raised cosines within the interval, written again."""
+    t = np.arange(long) / fs
+    edge = np.minimum(np.minimum(t, long / fs - t), ramp) / ramp if ramp else np.ones(long)
+    return (1 - np.cos(np.pi * edge)) / 2
 
 
 def test_a_stimulus_is_its_own_rendering_bit_for_bit():
@@ -56,16 +70,82 @@ def test_a_stimulus_is_its_own_rendering_bit_for_bit():
         {"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m") * (1 + 0.1 * stimlib.blocks.white_noise(1))}
     )
     made = experiment(scenes={"spring": noisy}, fs=1234.5, timing=Timing(interval=0.1, gap=0.05, before=0.01, ramp=0.02))
-    trial, hand = pair(seed=9), {"x": lambda t: np.sin(40 * t)}
-    at, seconds = spans(made, trial), 0.6
-    whole = stimlib.render(program(made, trial)[0], hand, fs=made.fs, seconds=seconds, seed=9)["force"]
-    for (a, b), k in zip(at, (1.0, 3.0), strict=True):
-        alone = stimlib.render(noisy, hand, fs=made.fs, seconds=seconds, seed=9, params={"k": k})["force"]
-        inner = slice(a + 26, b - 26)
-        assert b - a == 123 and (whole[inner] == alone[inner]).all() and whole[a] == 0.0
-        assert 0.4 < abs(whole[a + 12] / alone[a + 12]) < 0.6
+    hand = np.sin(np.arange(800) / 30)
+    trial = Trial("a", (Stimulus("spring", {"k": 1.0}, 9), Stimulus("spring", {"k": 3.0}, 4)), ("softer",))
+    at, (scene, params) = spans(made, trial), program(made, trial)
+    assert params == {"k_1": 1.0, "k_2": 3.0}
+    whole = stimlib.render(scene, {"x": hand}, fs=made.fs, seed=9, params=params)["force"]
+    for (a, b), k, seed in zip(at, (1.0, 3.0), (9, 4), strict=True):
+        alone = stimlib.render(noisy, {"x": hand[a:b]}, fs=made.fs, seed=seed, params={"k": k})["force"]
+        assert b - a == 123 and (whole[a + 26 : b - 26] == alone[26:-26]).all()
+        assert np.abs(whole[a:b] - window(b - a, 0.02, made.fs) * alone).max() < 1e-14
     assert (whole[: at[0][0]] == 0).all() and (whole[at[0][1] : at[1][0]] == 0).all() and (whole[at[1][1] :] == 0).all()
     assert at[1][0] - at[0][1] == round(0.05 * 1234.5)
+
+
+def drawn(scene, rng, n):
+    """Parameters and a hand, drawn: moving, held or jumping, from the first sample on."""
+    params = {name: p.value * rng.uniform(0.6, 1.4) for name, p in scene.params.items() if rng.random() < 0.7}
+    motion = {}
+    for name in scene.inputs:
+        x = 0.01 * (1.1 + np.sin(np.arange(n) * rng.uniform(0.002, 0.02) + rng.uniform(0, 6)))
+        motion[name] = (np.cumsum(rng.normal(0, 1, n // 90 + 1) > 0).repeat(90)[:n] % 2.0) if name == "contact" else x
+    return params, motion
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        pytest.param(name, target, marks=[pytest.mark.stress] * (target == "python" and name not in ("wall", "viscoelastic")))
+        for name in SHIPPED
+        for target in ("numba", "python")
+    ],
+)
+def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
+    """Of any parameters, also inside enabled, and seeds; times the window; in random cuts; nothing of it runs between."""
+    rng, fs = np.random.default_rng(len(name)), 8000.0
+    kinds = [{}] if name in ("texture", "touch_screen") or target == "python" else [{}, {"contact": True}]
+    for options, count in zip(kinds, (2, 3), strict=False):
+        scene = SHIPPED[name](**({"model": made_up()} if name == "texture" else {}) | options)
+        timing = Timing(interval=0.2 if target == "numba" else 0.012, gap=0.004, before=0.0, ramp=0.003)
+        made = experiment(scenes={"it": scene}, fs=fs, bounds={}, timing=timing)
+        told = [drawn(scene, rng, 1)[0] for _ in range(count)]
+        trial = Trial("a", tuple(Stimulus("it", p, int(rng.integers(3))) for p in told), ("softer",))
+        at, (whole, params) = spans(made, trial), program(made, trial)
+        hand = drawn(scene, rng, at[-1][1] + 50)[1]
+        proc = stimlib.compile(whole, fs, target, trial.stimuli[0].seed)
+        for param, value in params.items():
+            proc.set(param, value, 0.0)
+        x = np.array([hand[i] for i in proc.inputs]).reshape(len(proc.inputs), -1)
+        y = dict(zip(proc.outputs, cut_run(proc, x, random_cuts(x.shape[1], rng)), strict=True))
+        long = at[0][1] - at[0][0]
+        shape = timeline([(0.0, 0.0), (0.003, 1.0), (long / fs - 0.003, 1.0), (long / fs, 0.0)], "cosine")
+        shape = stimlib.render(stimlib.Scene({"w": shape}), {}, fs, long / fs)["w"]
+        assert np.abs(shape - window(long, 0.003, fs)).max() < 1e-14
+        within = np.zeros(x.shape[1], bool)
+        for (a, b), s in zip(at, trial.stimuli, strict=True):
+            part = {i: v[a:b] for i, v in hand.items()}
+            alone = stimlib.render(scene, part, fs, long / fs, s.params, s.seed, target)
+            within[a:b] = True
+            for output in scene.outputs:
+                assert_same(y[output][a:b], shape * alone[output], output)
+        assert not any(v[~within].any() for v in y.values())
+
+
+def test_what_depends_on_the_time_is_there_in_every_interval():
+    """A burst, events, a sweep and a timeline began with the trial once: the second interval was silent, without a word."""
+    timed = {
+        "burst": stimlib.blocks.oscillator(250.0) * stimlib.blocks.burst(0.01, duration=0.05, ramp=0.01),
+        "at": stimlib.blocks.at([0.02, 0.03]),
+        "chirp": stimlib.blocks.chirp(20.0, 200.0, 0.08),
+        "timeline": stimlib.blocks.timeline([(0.0, 1.0), (0.05, 2.0)]),
+    }
+    made = experiment(scenes={"it": stimlib.Scene(timed)}, bounds={}, motion={})
+    trial = Trial("a", (Stimulus("it"), Stimulus("it"), Stimulus("it")), ("softer",))
+    whole = stimlib.render(program(made, trial)[0], {}, made.fs, 0.7)
+    alone = stimlib.render(made.scenes["it"], {}, made.fs, 0.1)
+    for name in timed:
+        assert alone[name].any() and all((whole[name][a:b] == alone[name]).all() for a, b in spans(made, trial)), name
 
 
 def test_two_scenes_in_one_trial():
@@ -74,7 +154,7 @@ def test_two_scenes_in_one_trial():
     trial = Trial("a", (Stimulus("weight", {"c": 4.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
     scene, params = program(made, trial)
     force = stimlib.render(scene, {"x": still}, fs=1000, seconds=0.5, params=params)["force"]
-    assert params == {"c": 4.0, "k": 3.0} and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
+    assert params == {"c_1": 4.0, "k_2": 3.0} and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
 
 
 def test_a_channel_is_the_same_in_every_trial():
@@ -96,11 +176,37 @@ def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
         program(experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",)))
 
 
-def test_a_parameter_inside_enabled_cannot_change_within_a_trial():
-    gated = stimlib.enabled(stimlib.Param("k", 2.0) * stimlib.blocks.white_noise(1), by=stimlib.Input("x") > 0.0)
-    made = experiment(scenes={"spring": stimlib.Scene({"force": gated})})
-    with pytest.raises(SceneError, match="'k' differs between the intervals.*inside enabled"):
-        program(made, pair())
+def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
+    """Of one name, with other values, units and defaults; the log has each with the number of its interval."""
+    other = stimlib.Scene({"force": stimlib.Param("k", 7.0, "N") * stimlib.Param("k_1", 1.0)})
+    made = experiment(scenes={"spring": SPRING, "weight": other}, bounds={})
+    trial = Trial("a", (Stimulus("spring", {"k": 3.0}), Stimulus("weight"), Stimulus("spring", {"k": 3.0})), ("softer",))
+    shown = present(made, trial, "offline", tmp_path / "a.stimlog")
+    assert shown["params"] == {"k_1": 3.0, "k_3": 3.0} and shown["peak"]["force"] == pytest.approx([3.0, 7.0, 3.0])
+    assert list(read_log(tmp_path / "a.stimlog").scene.params) == ["k_3", "k_2", "k_1_2", "k_1"]
+
+
+def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
+    """Two trials of a burst, displayed when all intervals of a trial had one time: the second had no burst."""
+    shutil.copytree(Path(__file__).with_name("shared_time"), tmp_path / "data")
+    (saved,) = sessions("old", tmp_path / "data")
+    assert [r.time for r in saved.records] == ["shared", "shared"] and status(saved)["shared"] == 2
+    log = read_log(saved.folder / "trial-0001-1.stimlog")
+    assert replay(log).matches
+    course = 1 + stimlib.blocks.burst(0.01, duration=0.02, ramp=0.005) + 0.1 * stimlib.blocks.white_noise(1)
+    noisy = stimlib.Scene({"force": SPRING.outputs["force"] * course})
+    made = experiment(
+        name="old", design=Listed(((TASK, 4.0), (TASK, 1.0))), scenes={"spring": noisy},
+        timing=Timing(interval=0.05, gap=0.02, before=0.0, ramp=0.01),
+    )  # fmt: skip
+    shown = present(made, saved.records[0].trial, "offline", tmp_path / "now.stimlog")
+    then = saved.records[0].displayed[0]
+    assert shown["intervals"] == [tuple(a) for a in then["intervals"]]
+    assert shown["peak"]["force"][0] > 1.5 * then["peak"]["force"][0]  # twice, where the burst is
+    record = Record(1, saved.records[0].trial, saved.records[0].answer, [shown])
+    assert record.time == "own" and Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
+    with pytest.raises(BadValue, match="line 1: the design gives another trial there: .*stimlib"):
+        Session(made, tmp_path / "data", "P01", resume=True).__enter__()
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
@@ -187,7 +293,6 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
         (Trial("a", (Stimulus("springs"),), ("softer",)), UnknownName, "no scene 'springs'"),
         (Trial("a", (Stimulus("spring", {"q": 1.0}),), ("softer",)), UnknownName, "no parameter q"),
         (Trial("a", (Stimulus("spring"),), ("harder",)), UnknownName, "no question 'harder'"),
-        (Trial("a", (Stimulus("spring"), Stimulus("spring", seed=1)), ("softer",)), BadValue, "must have one seed"),
     ],
 )
 def test_trials_that_the_experiment_does_not_allow(trial, error, why):
@@ -254,6 +359,7 @@ def test_a_line_that_was_cut_short_is_dropped_and_its_trial_comes_again(tmp_path
     path = session.folder / "trials.jsonl"
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
+    (session.folder / "answered").write_text("2\n")  # it is written after the line
     with Session(experiment(), tmp_path, "P01", resume=True) as again:
         assert again.number == 3 and again.due() == session.records[2].trial
         again.put(session.records[2].answer, [])
@@ -265,6 +371,62 @@ def test_an_end_of_line_that_no_line_has_drops_nothing(tmp_path):
     path = session.folder / "trials.jsonl"
     path.write_bytes(path.read_bytes().replace(b", ", b",\r ", 1))  # white space of JSON
     assert some(tmp_path, 0, resume=True).records == session.records == read(session.folder).records
+
+
+@pytest.mark.parametrize("lines", [4, 3, 1, 0, None])
+@pytest.mark.parametrize("witness", ["answered", "the logs", "both"])
+def test_lines_that_are_missing_at_the_end_are_told(tmp_path, lines, witness):
+    session = some(tmp_path, 5)
+    path = session.folder / "trials.jsonl"
+    for n in range(1, 6):
+        (session.folder / f"trial-{n:04}-1.stimlog").mkdir()
+    assert len(read(session.folder).records) == 5 and not list(session.folder.glob("*.part"))
+    if witness == "the logs":
+        (session.folder / "answered").unlink()
+    if lines is None:
+        path.unlink()
+    else:
+        path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:lines]))
+    if witness == "the logs" and lines == 4:  # as of a session that was killed before the answer
+        assert len(read(session.folder).records) == 4
+        return
+    last = 4 if witness == "the logs" else 5
+    for act in (lambda: read(session.folder), lambda: some(tmp_path, 0, resume=True)):
+        with pytest.raises(SinkError, match=f"trials {(lines or 0) + 1} to {last} are missing at its end. Put back a whole copy"):
+            act()
+
+
+def test_a_damaged_number_of_answers_is_told(tmp_path):
+    path = some(tmp_path, 2).folder / "answered"
+    for text in (b"", b"two", b"\xff", b"9" * 9000):
+        path.write_bytes(text)
+        with pytest.raises(SinkError, match="answered is damaged"):
+            read(path.parent)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
+def test_a_fork_of_a_session_writes_nothing(tmp_path):
+    with Session(experiment(), tmp_path, "P01") as session:
+        trial = session.due()
+        answer = observer(trial, np.random.default_rng(1))
+        session.put(answer, [])
+        pid = os.fork()
+        if pid == 0:
+            said = []
+            for act in (session.due, lambda: session.put(answer, [])):
+                try:
+                    act()
+                except SinkError as e:
+                    said.append("no fork of it" in str(e))
+            session._close()
+            os._exit(0 if said == [True, True] else 1)
+        assert os.waitpid(pid, 0)[1] == 0
+        assert (session.folder / "spare").exists()
+        session.due()
+        session.put(answer, [])
+        with pytest.raises(SinkError, match="one participant cannot be in two"):
+            some(tmp_path, 0, resume=True)
+    assert len(read(session.folder).records) == 2
 
 
 def edited(path, change):
