@@ -6,7 +6,7 @@
     python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv
 
 Errors are against the full sum over the history in long double (64 bits).  Times: jobs take turns in one process, medians of the
-rounds.  Other methods beside it: ``stimlib bench --work-precision FOLDER --only springpot_gl --only springpot_l1``.
+rounds.  Other methods beside it: ``python benchmarks/work_precision.py FOLDER --only springpot_gl --only springpot_l1``.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+import soundfile
 from devices.servers import Jackd, needs_jack
 from typer.testing import CliRunner
 
@@ -815,6 +816,32 @@ def test_play_leaves_a_log_that_replays(tmp_path):
     assert done.exit_code == 0, done.output
 
 
+def test_a_sound_file_is_played_at_its_rate(tmp_path):
+    y = 0.3 * np.random.default_rng(1).uniform(-1, 1, (2, 441))
+    path, log = tmp_path / "vib.wav", tmp_path / "a.stimlog"
+    soundfile.write(path, y.T, 44100, subtype="PCM_16")
+    done = run.invoke(app, ["play", str(path), "--full-scale", "2", "--fast", "--log", str(log)])
+    assert done.exit_code == 0 and "441 samples" in done.stdout, done.output
+    done = run.invoke(app, ["replay", str(log), "--out", str(tmp_path / "b.wav")])
+    assert done.exit_code == 0, done.output
+    heard, sidecar = file.read(tmp_path / "b.wav")
+    assert sidecar["fs"] == 44100 and [c["name"] for c in sidecar["channels"]] == ["channel1", "channel2"]
+    assert np.array_equal(heard, 2 * np.float32(soundfile.read(path)[0].T / 2))
+    stimlib.render(stimlib.Scene({"force": stimlib.constant(2.0, "N")}), fs=1000, seconds=0.1).save(path, full_scale=4.0)
+    done = run.invoke(app, ["play", str(path), "--full-scale", "1", "--peak", "1", "--fast"])
+    assert done.exit_code == 0 and "100 samples limited (peak)" in done.stdout, "with a sidecar it is in N"
+    for words, says in [
+        ([str(path), "--fs", "8000"], "was recorded at 1000 Hz and is played at that: leave out --fs"),
+        ([str(path), "--motion", "minimum_jerk()"], "has no inputs: leave out --motion"),
+        ([str(tmp_path / "none.wav")], "none.wav: No such file"),
+        ([str(log), "--fs", "1"], "no scene"),
+        ([str(tmp_path / "text.wav")], "is damaged, or no sound file"),
+    ]:
+        (tmp_path / "text.wav").write_text("hello")
+        done = run.invoke(app, ["play", *words, "--full-scale", "1"])
+        assert done.exit_code == 2 and says in done.stderr and "Traceback" not in done.output, done.output
+
+
 def test_play_with_outputs_of_different_units(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     words = ["play", f"{tmp_path / 'own.py'}:two", "--motion", "minimum_jerk()", "--fast", "--seconds", "1"]
@@ -1005,6 +1032,24 @@ def test_play_and_loopback_on_a_server():
         assert done.exit_code == 2 and "capture names 1 ports for 2 channels" in done.stderr
 
 
+def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch, capsys):
+    """The words come before the text runs, which is what takes long; of a block class there are none."""
+    from stimlib.cli.app import friendly
+    from stimlib.targets.numba import cache
+
+    monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(cache, "_folder", None)
+    seen = "import sys; print('running', file=sys.stderr)"
+    with friendly():
+        cache.load("x = 1", "Add")
+        assert capsys.readouterr().err == ""
+        for stem in ("runtime", "pump"):
+            cache.load(seen, stem)
+    assert capsys.readouterr().err == "compiling for this machine, once: about half a minute\nrunning\nrunning\n"
+    cache.load(f"{seen} # again", "pump")
+    assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"
+
+
 # The demo ----------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
 def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkeypatch, passed, status):
@@ -1017,6 +1062,7 @@ def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkey
     done = run.invoke(app, ["demo", "new/folder"])
     assert done.exit_code == status, done.output
     assert "new/folder/[b]squeeze.wav" in done.stdout and "a spring" in done.stdout and (tmp_path / "new" / "folder").is_dir()
+    assert "the first time also compiling" in done.stderr and f"squeeze: {'passed' if passed else 'FAILED'}" in done.stderr
 
 
 def test_demo_writes_each_file_with_its_full_scale(tmp_path, monkeypatch):

@@ -35,7 +35,7 @@ def a_test(n=80, last=100.0):
 
 
 # The exact answers -----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("onset", ["steady", "step"])
 @pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0])
 def test_a_springpot_at_uneven_times(alpha, onset):
     """In forty digits: the sum of powers, as it stands."""
@@ -66,7 +66,7 @@ def test_a_short_ramp_long_ago_keeps_its_digits():
     assert force == pytest.approx(relaxation_modulus(86400.0, springpot=(1.0, 0.1)), rel=1e-9)
 
 
-@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("onset", ["steady", "step"])
 def test_maxwell_arms_at_uneven_times(onset):
     t, y = uneven(seed=1)
     arms = [(2.0, 1e-5), (3.0, 0.3), (1.0, 50.0), (4.0, 1e9)]
@@ -102,7 +102,7 @@ def test_a_fit_and_a_block_mean_the_same_material():
 
 
 # Known materials -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("onset", ["rest", "step"])
+@pytest.mark.parametrize("onset", ["steady", "step"])
 @pytest.mark.parametrize("alpha", [0.01, 0.1, 0.3, 0.6, 0.9, 0.99])
 def test_a_springpot_is_found_again(alpha, onset):
     t, y = a_test()

@@ -79,3 +79,25 @@ def test_an_unknown_name_is_an_attribute_error():
 
     with pytest.raises(AttributeError, match="no attribute 'squeze'"):
         _ = stimlib.squeze
+
+
+def test_a_package_that_is_missing_is_named_with_what_installs_it():
+    calls = {
+        "stimlib.render(scene, fs=1000, seconds=0.01, motion={}).plot()": "a picture needs the package matplotlib",
+        "stimlib.draw(scene, sys.argv[1])": "a picture of a graph needs the package matplotlib",
+        "stimlib.compile(scene, 1000, 'jax')": "target='jax' needs the package jax",
+        "stimlib.fit(scene, {}, [0.0], {'k': 1.0}, fs=1000)": "fit needs the package jax",
+        "plate.fit_frame(plate.Plate.paper(), {0: 158.0})": "fit_frame needs the package jax",
+    }
+    code = """import sys
+sys.modules["matplotlib"] = sys.modules["jax"] = None
+import stimlib
+from stimlib import plate
+scene = stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.blocks.elapsed()})
+"""
+    code += "".join(f"try: {call}\nexcept stimlib.MissingPackage as e: print(e)\n" for call in calls)
+    run = subprocess.run([sys.executable, "-c", code, "graph.png"], capture_output=True, text=True)
+    lines = run.stdout.splitlines()
+    assert len(lines) == len(calls), run.stderr
+    for line, words in zip(lines, calls.values(), strict=True):
+        assert line.startswith(words) and line.endswith(f": pip install {words.split()[-1]}")

@@ -327,7 +327,7 @@ def test_each_contact_is_a_run_of_its_own(name, target):
     found = next(q for q in reach([entry.block()]) if type(q).__name__ == name)
     names = signals(type(found))
     inputs = {s: Input(s, str(getattr(found, s).dim).replace("1", "")) for s in names}
-    block = dc.replace(found, **inputs, **({"onset": "rest"} if hasattr(found, "onset") else {}))
+    block = dc.replace(found, **inputs, **({"onset": "steady"} if hasattr(found, "onset") else {}))
     y = getattr(block, block.outputs[0]) if block.outputs else block
     proc = stimlib.compile(Scene({"y": y}), entry.rates[0], target)
     rng = np.random.default_rng(8)

@@ -270,7 +270,9 @@ def test_copies_behind_gates_are_counted_before_they_are_made(levels):
     """Levels of gates over one block: 2**levels copies, each with a state of its own, so only their number can be held."""
     block = nested(levels)
     before = sys.getrecursionlimit()
-    with pytest.raises(SceneError, match="after each `enabled` has got its own copies: .* more than limits.scene_blocks"):
+    with pytest.raises(
+        SceneError, match="after each enabled or segment has got its own copies: .* more than limits.scene_blocks"
+    ):
         Scene({"y": block})
     assert sys.getrecursionlimit() == before
     assert len(lower({"y": nested(6)}).instances) == 3 * 2**6 + 1

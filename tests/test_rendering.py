@@ -8,7 +8,7 @@ import pytest
 
 import stimlib
 from stimlib import Input, Scene, blocks, render
-from stimlib.errors import BadValue, FaultError, SceneError, StimlibError
+from stimlib.errors import BadValue, FaultError, SceneError, StimlibError, UnknownName
 from stimlib.files import audio
 from stimlib.motion.recorded import recording
 from stimlib.motion.text import parse_motion
@@ -117,7 +117,7 @@ def test_samples_of_all_outputs_count(monkeypatch):
 def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
     with pytest.raises(BadValue, match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS="):
         render(SCENE, {"x": np.sin}, 8000, seconds)
-    parts = stimlib.stream(stimlib.compile(SCENE, 8000, "python"), {"x": lambda t: 0 * t}, seconds, block=3)
+    parts = stimlib.stream(SCENE, {"x": lambda t: 0 * t}, 8000, seconds, target="python", block=3)
     assert next(parts).shape == (2, 3), "a stream has no such limit"
 
 
@@ -161,10 +161,92 @@ def test_a_generator_that_is_faster_than_a_hand_is_told_once(motion, speed, tmp_
         assert [text[: text.index(":")] for text in fast] == says
 
 
-def test_samples_and_inputs_of_other_units_may_be_fast():
+def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
+    """500 Hz taken as 8000 Hz is 16 times too fast; taken as 500 Hz it is a hand."""
+    slow = 0.02 * np.sin(2 * np.pi * 3 * np.arange(1000) / 500)  # at most 0.38 m/s
+    scene = Scene({"y": 2.0 * x})
+    proc = stimlib.compile(scene, 8000, target="python")
+    for make in (
+        lambda: render(scene, {"x": slow}, 8000, target="python"),
+        lambda: list(stimlib.stream(scene, {"x": slow}, 8000, target="python")),
+        lambda: audio.write(tmp_path / "a.wav", proc, {"x": slow}, 0.1, progress=False),
+    ):
+        with pytest.warns(RuntimeWarning, match=r"x moves at .* m/s, .* fs = 8000 Hz; .*recording\({'t_s': t, 'x': x}"):
+            make()
+    t_s = np.arange(1000) / 500
+    motion = recording({"t_s": t_s, "x": slow}, {"x": "x"}).for_inputs(scene.inputs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        render(scene, {"x": slow}, 500, target="python")
+        render(scene, {"x": np.where(np.arange(800) < 400, 0.0, 0.005)}, 8000, target="python")  # a step is not the speed
+        y = render(scene, motion, 8000, 1.0, target="python")["y"]
+    assert np.abs(y / 2 - np.interp(np.arange(8000) / 8000, t_s, slow)).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (lambda t, p: np.stack([t, p]), r"\(2, 6\); .*recording\({'t_s': a\[0\], 'x': a\[1\]}, {'x': 'x'}\).for_inputs"),
+        (lambda t, p: np.stack([t, p], 1), r"\(6, 2\); .*recording\({'t_s': "),
+        (lambda t, p: p[:, None], r"\(6, 1\); give positions alone, one dimension such as a.ravel\(\) .*recording\("),
+    ],
+)
+def test_times_with_positions_and_columns_are_told_how_to_be_a_motion(made, says):
+    with pytest.raises(BadValue, match=says):
+        render(SCENE, {"x": made(np.arange(6) / 500, RAMP)}, 1000)
+
+
+# A scene without inputs, and streams ---------------------------------------------------------------------------------
+NOISE = Scene({"y": stimlib.Param("level", 1.0) * blocks.white_noise(seed=3)})
+
+
+def test_a_scene_without_inputs_needs_no_motion(tmp_path):
+    made = render(NOISE, fs=1000, seconds=0.2)
+    y = made.y
+    assert np.array_equal(y, render(NOISE, {}, 1000, 0.2).y)
+    for target in ("numba", "python"):
+        proc = stimlib.compile(NOISE, 1000, target)
+        assert np.array_equal(np.hstack([proc.process(64), proc.process(np.int32(136))]), y)
+    runs = stimlib.compile(NOISE, 1000).many(seeds=[0, 1])
+    assert np.array_equal(runs.process(200)[0], y)
+    assert stimlib.verify(NOISE, None, made).passed
+    audio.write(tmp_path / "a.wav", stimlib.compile(NOISE, 1000), seconds=0.2, full_scale=5.0, progress=False)
+    assert stimlib.verify(NOISE, None, tmp_path / "a.wav").passed
+    for wrong in (-1, 1.5, True, "64", None, 2**70):
+        with pytest.raises(BadValue, match="process: "):
+            proc.process(wrong)
+        with pytest.raises(BadValue, match="process: "):
+            runs.process(wrong)
+    with pytest.raises(BadValue, match="x must be an array, float64 of shape"):
+        stimlib.compile(SCENE, 1000).process(64)
+    with pytest.raises(BadValue, match="a scene without inputs goes on for ever: say how many seconds"):
+        render(NOISE, fs=1000)
+    with pytest.raises(BadValue, match="fs must be a number, got None"):
+        render(NOISE, seconds=1.0)
+    with pytest.raises(UnknownName, match="x is missing"):
+        render(SCENE, fs=1000, seconds=1.0)
+
+
+def test_a_stream_takes_what_render_takes_and_its_arrays_stay():
+    options = {"params": {"level": 0.5}, "seed": 4, "target": "python"}
+    y = render(NOISE, None, 1000, 0.2, **options).y
+    parts = list(stimlib.stream(NOISE, None, 1000, 0.2, **options, block=30))
+    assert [part.shape[1] for part in parts] == [30] * 6 + [20] and np.array_equal(np.hstack(parts), y)
+    proc = stimlib.compile(NOISE, 1000, seed=4)
+    proc.set("level", 0.5, ramp=0.0)
+    assert np.array_equal(np.hstack([*stimlib.stream(proc, seconds=0.1), *stimlib.stream(proc, seconds=0.1)]), y)
+    for given in ({"fs": 1000}, {"params": {"level": 1.0}}, {"seed": 1}):
+        with pytest.raises(BadValue, match="a Processor has its own fs, params and seed"):
+            stimlib.stream(proc, seconds=0.1, **given)
+    with pytest.raises(BadValue, match="on_fault"):
+        stimlib.stream(NOISE, fs=1000, seconds=1.0, on_fault="shout")
+    with pytest.raises(FaultError, match="not finite at sample 3"):
+        list(stimlib.stream(SCENE, {"x": RAMP}, 1000, on_fault="raise"))
+
+
+def test_inputs_of_other_units_may_be_fast():
     fast = parse_motion("minimum_jerk(depth=20)")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        render(Scene({"y": 2.0 * x}), {"x": fast(np.arange(1000) / 1000)}, 1000, target="python")
         render(Scene({"y": 2.0 * Input("u", "V")}), {"u": fast}, 1000, 1.0, target="python")
     assert told == []

@@ -12,6 +12,7 @@ from stimlib.errors import BadValue
 
 TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
 ALPHAS = [1e-6, 0.05, 0.25, 0.5, 0.75, 0.95, 1 - 1e-6]
+ALL = (*soe.SCHEMES, soe.STRAIGHT)
 DAY = 86400.0
 U = 2.0**-53
 
@@ -22,6 +23,8 @@ def exact(scheme, alpha, j):
         a, j = mpmath.mpf(alpha), mpmath.mpf(int(j))
         if scheme == "gl":
             return mpmath.exp(mpmath.loggamma(j + 1 - a) - mpmath.loggamma(j + 1) - mpmath.loggamma(1 - a))
+        if scheme == "straight":
+            return ((j + 1) ** (2 - a) - 2 * j ** (2 - a) + max(j - 1, 0) ** (2 - a)) / mpmath.gamma(3 - a)
         return ((j + 1) ** (1 - a) - j ** (1 - a)) / mpmath.gamma(2 - a)
 
 
@@ -42,7 +45,7 @@ def worst(rates, scheme, alpha, j, weights=None):
     return max(float(abs(summed(rates, w, k) / exact(scheme, alpha, k) - 1)) for k in j)
 
 
-@pytest.mark.parametrize("scheme", soe.SCHEMES)
+@pytest.mark.parametrize("scheme", ALL)
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_exact_weights(scheme, alpha):
     j = np.array([0, 1, 2, 7, 8, 62, 63, 64, 65, 100, 1000, 10**5, 7 * 10**8])
@@ -58,12 +61,12 @@ def test_weights_of_the_ends():
         np.testing.assert_allclose(soe.kernel(scheme, 0.0, j), 1.0, rtol=1e-15)
 
 
-@pytest.mark.parametrize("scheme", soe.SCHEMES)
+@pytest.mark.parametrize("scheme", ALL)
 @pytest.mark.parametrize("tol", mostly({1e-6, 1e-14}, TOLS))
 def test_every_weight_is_within_the_bound(scheme, tol):
     """From the eighth to a day at 8 kHz, and for a horizon of a minute."""
     for samples, n in ((DAY * 8000, 24), (60e3, 12)):
-        r = soe.rates(tol, samples)
+        r = soe.rates(tol, samples, scheme)
         for alpha in ALPHAS:
             e = worst(r, scheme, alpha, lags(samples, n))
             assert e <= soe.bound(r, alpha) - soe.ROUNDING / 2 <= tol
@@ -107,7 +110,7 @@ def test_aliasing_is_its_formula(alpha, delta):
 
 
 @pytest.mark.parametrize("alpha", [5e-324, 1e-300, 1e-20, 1 - U])
-@pytest.mark.parametrize("scheme", soe.SCHEMES)
+@pytest.mark.parametrize("scheme", ALL)
 def test_orders_next_to_the_ends(scheme, alpha):
     r = soe.rates(1e-10, 1e7)
     w = soe.weights(r, scheme, alpha)

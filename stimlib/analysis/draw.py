@@ -50,7 +50,8 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
     """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a notebook.
 
-    The picture shows the program after rewriting: equal parts once, numbers folded, one shaded box per ``enabled``.  A
+    The picture shows the program after rewriting: equal parts once, numbers folded, one shaded box per ``enabled`` or
+    ``segment``.  A
     number stands inside the block that uses it.  The unit of a signal stands where it leaves its block.  The bytes of the
     file depend on the scene and on the version of matplotlib only.
 
@@ -162,7 +163,8 @@ class Ink:
         for clock in range(len(self.layout.program.parents)):
             if clock == PARAMS and not self.layout.program.params:
                 continue
-            word = ("parameters", "every sample", f"enabled {clock - ROOT}: only while its gate is open")[min(clock, 2)]
+            gated = f"{self.layout.program.clocks[clock]}: only while its gate is open"
+            word = ("parameters", "every sample", gated)[min(clock, 2)]
             self.rectangle(x, height - MARGIN - 0.07, 0.2, 0.13, _colour(clock), INK, 3)
             self.word(x + 0.27, height - MARGIN, word, SMALL, PALE, "left")
             x += 0.55 + width_of(word, SMALL)
@@ -193,7 +195,7 @@ class Ink:
         p, clock = self.layout, b.inner.clock
         left, right = p.x[b.first] - PAD, p.right(b) + PAD
         self.rectangle(left, p.y[b], right - left, b.height, _colour(clock), PALE, 1, ls="--")
-        self.word(left + 0.1, p.y[b] + STRIP / 2 + 0.01, f"enabled {clock - ROOT}", SMALL, INK, "left")
+        self.word(left + 0.1, p.y[b] + STRIP / 2 + 0.01, p.program.clocks[clock], SMALL, INK, "left")
 
     def block(self, b: Box) -> None:
         p, q = self.layout, self.instances[b.number]

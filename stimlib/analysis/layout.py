@@ -15,6 +15,7 @@ import numpy as np
 
 from ..core.cycles import Cycle
 from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
+from ..core.packages import package
 from ..core.program import PARAMS, ROOT, Instance, Program
 
 # inches and points
@@ -56,6 +57,10 @@ class Layout:
     def __init__(self, program: Program):
         self.program = program
         self.names = {i: name for name, i in program.outputs.items()}
+        # of several outputs of a clock, the first has its box
+        closes = [(i, q.args[0]) for i, q in enumerate(program.instances) if q.kind == "close"]
+        first = {gate: i for i, gate in reversed(closes)}
+        self.shut = {i: first[gate] for i, gate in closes}
         self.box: dict[int, Box] = {}
         self.wires: dict[int, Box] = {}  # by source
         self.top = self.level(ROOT)
@@ -65,7 +70,7 @@ class Layout:
 
     def sources(self, i: int) -> tuple[int, ...]:
         """What is connected to an instance (numbers stand inside it)."""
-        return self.signals(self.program.instances[i].args)
+        return self.signals(self.program.instances[i].args) if self.shut.get(i, i) == i else (self.shut[i],)
 
     def gate(self, box: Box) -> tuple[int, ...]:
         """What decides whether an enabled runs."""
@@ -84,7 +89,7 @@ class Layout:
         for i, q in enumerate(self.program.instances):
             if q.clock != clock and not (clock == ROOT and q.clock == PARAMS) or q.kind in ("const", "open"):
                 continue
-            if q.kind == "close":
+            if self.shut.get(i) == i:
                 inner = self.level(self.program.instances[q.args[0]].child)
                 self.columns(inner, 0)
                 self.pack(inner)
@@ -299,7 +304,7 @@ def _field(name: str, v: Any) -> str:
 @cache
 def width_of(text: str, size: float) -> float:
     """Inches of a text in the one font that comes with matplotlib."""
-    from matplotlib.font_manager import FontProperties
+    FontProperties = package("matplotlib.font_manager", "a picture of a graph").FontProperties
     from matplotlib.textpath import TextPath
 
     return TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans")).get_extents().width / 72 if text else 0.0

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..core import regular
 from ..core.graph import Input, reach
+from ..core.packages import package
 from ..core.scene import Scene
 from ..errors import SinkError, shown
 from ..run.rendering import Rendering
@@ -167,8 +168,7 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     >>> figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0)).axes[0].get_ylabel()
     'x'
     """
-    from matplotlib.figure import Figure
-
+    Figure = package("matplotlib.figure", "a picture").Figure
     n = rendering.y.shape[1]
     t = rendering.t
     inputs = {name: np.asarray(m(t) if callable(m) else m, np.float64)[:n] for name, m in rendering.motion.items()}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,7 @@ import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Enabled, reach
-from ..core.program import ROOT
+from ..core.graph import Block, Enabled, Segment, constant, reach
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
@@ -57,6 +57,8 @@ class Tap:
     model: Callable[[np.ndarray], np.ndarray] | None  # one-sided PSD
     f_low: float
     f_high: float
+    run: str  # what tells its segment, if it is in one
+    seed: int
     spectrum: spectra.Spectrum | None = None
 
     @property
@@ -81,7 +83,7 @@ class Evidence:
     sidecar: dict[str, Any] | None
     motion: dict[str, Any]
     taps: list[Tap] = field(default_factory=list)
-    whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate
+    whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate, each on its clock
     fingers: dict[str, laws.Finger] = field(default_factory=dict)
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
     closeup: slice = field(default_factory=lambda: slice(None))  # the samples in which these are best seen
@@ -148,11 +150,13 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
 def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
     """Keep the noises among what an augmented scene gave."""
     n = len(e.scene.outputs)
-    for k, (output, block, *model) in enumerate(found):
+    for k, (output, block, model, low, high, run, seed) in enumerate(found):
         gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0  # a copy, or all that was seen would be kept
-        e.taps.append(Tap(block, output, gated[gate], gated, gate, *model))
-    for name, y in zip(free_noises(e.scene), seen[n + 2 * len(found) :], strict=True):
-        e.whites[name] = y.copy()
+        its = e.seed if seed is None else seed
+        e.taps.append(Tap(block, output, gated[gate], gated, gate, model, low, high, run, its))
+    free = seen[n + 2 * len(found) :]
+    for name, y, on in zip(free_noises(e.scene), free[::2], free[1::2], strict=True):
+        e.whites[name] = y[on > 0]
 
 
 def last_of(changes: Iterable[Change]) -> list[Change]:
@@ -169,28 +173,48 @@ def with_taps(scene: Scene, fs: float):
     """The scene with every gated noise, its gate, and every source outside gates as outputs (no bit of the others changes)."""
     more, seen = [], set()
     found: list[tuple] = []
-    for name, root in scene.outputs.items():
-        for b in reach([root]):
-            if isinstance(b, Enabled) and id(b) not in seen:
-                seen.add(id(b))
-                if any(c.noise_key for c in reach([b.block])) and not within_another(b, root):
-                    more += [b, b.by]
-                    found.append((name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0))))
-    more += free_noises(scene).values()
+    for name, b, around in placed(scene):
+        if isinstance(b, Enabled) and (id(b), run_of(around)) not in seen and any(c.noise_key for c in reach([b.block])):
+            seen.add((id(b), run_of(around)))
+            more += [within(b, around), within(b.by, around)]
+            seed = next((s.seed for s in around if s.seed is not None), None)
+            found.append((name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0)), run_of(around), seed))
+    for both in free_noises(scene).values():
+        more += both
     names = (f"tap{k}" for k in range(1 << 62) if f"tap{k}" not in scene.outputs)
     return Scene(scene.outputs | dict(zip(names, more, strict=False))), found
 
 
-def within_another(b: Enabled, root: Block) -> bool:
-    """Whether it runs on the clock of another enabled."""
-    return any(isinstance(c, Enabled) and any(b is d for d in reach([c.block])) for c in reach([root]))
+def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
+    """Blocks outside of any ``enabled``: an output, one of its blocks, and the segments that it runs in, from the inside."""
+    for name, root in scene.outputs.items():
+        todo: list[tuple[Block, tuple[Segment, ...]]] = [(root, ())]
+        while todo:
+            top, around = todo.pop()
+            blocks = reach([top], Segment)
+            hidden = {id(c) for b in blocks if isinstance(b, Enabled) for c in reach([b.block])}
+            blocks = [b for b in blocks if id(b) not in hidden]
+            yield from ((name, b, around) for b in blocks)
+            todo += [(b.block, (b, *around)) for b in blocks if isinstance(b, Segment)]
 
 
-def free_noises(scene: Scene) -> dict[str, Block]:
-    """White noises that run at every sample."""
-    program = scene.program
-    at = {name: program.instances[i] for name, i in program.noises.items()}
-    return {name: q.block for name, q in at.items() if q.clock == ROOT and isinstance(q.block, White)}
+def within(b: Block, around: Iterable[Segment]) -> Block:
+    """A block in these segments."""
+    return reduce(lambda inner, s: Segment(inner, s.by, s.seed), around, b)
+
+
+def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
+    """White noises outside of gates, as a program names them, and 1 where they run."""
+    return {
+        "white({}, {})".format(*b.noise_key) + run_of(around): (within(b, around), within(constant(1.0), around))
+        for _, b, around in placed(scene)
+        if isinstance(b, White)
+    }
+
+
+def run_of(around: Sequence[Segment]) -> str:
+    """What tells these segments, as in ``Program.runs``."""
+    return "".join(s.run for s in reversed(around))
 
 
 def noise_model(root: Block, fs: float):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
+from ..core.packages import package
 from .evidence import Evidence, Tap
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
 
 def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
     """A figure of so many inches as SVG, the same text on every run; ``draw`` gets the empty figure."""
-    import matplotlib as mpl
+    mpl = package("matplotlib", "a picture")
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from typing import Any
 
 import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Enabled, Input, Param, reach, signals
+from ..core.graph import Block, Input, Param, Subsystem, reach, signals
 from ..core.loops import Loop
 from ..core.program import first_states, lead
 from ..core.scene import Scene
@@ -26,18 +27,19 @@ def generator(e: Evidence) -> list[Check]:
     """Every sample of every source against the published generator, and every sample of every gated noise against its filter
     fed with that."""
     checks, n, early = [], e.x.shape[1], lead(e.fs)
-    known: dict[tuple[int, int], np.ndarray] = {}
-    sources = {name: e.proc.program.instances[i].block for name, i in e.proc.program.noises.items()}
-    gated: dict[str, Block] = {name: b for name, b in sources.items() if isinstance(b, White) and name not in e.whites}
-    seen = e.whites | _alone(gated, e)
-    for name, b in sources.items():
+    known: dict[Any, np.ndarray] = {}
+    for name, i in e.proc.program.noises.items():
+        b, seed = e.proc.program.instances[i].block, e.proc.program.seeds[e.proc.program.instances[i].clock]
         if not isinstance(b, White):
             e.skipped.append(f"{name}: {b!r} has a generator of its own")
             continue
-        white = laws.white(e.seed, *b.noise_key, -early - early % 2, n + early + early % 2)[early % 2 :]
-        known[b.noise_key] = white
-        apart = float(np.abs(seen[name] - white[early:]).max())
-        checks.append(Check("c", f"{name}: generator", apart, GENERATOR, f"Philox and Box-Muller, written again, {n} samples"))
+        seed = e.seed if seed is None else seed
+        white = laws.white(seed, *b.noise_key, -early - early % 2, n + early + early % 2)[early % 2 :]
+        known[seed, b.noise_key] = white
+        seen = e.whites[name] if name in e.whites else compile(Scene({"y": b}), e.fs, seed=seed).process(np.empty((0, n)))[0]
+        apart = float(np.abs(seen - white[early : early + seen.size]).max(initial=0.0))
+        text = f"Philox and Box-Muller, written again, {seen.size} samples"
+        checks.append(Check("c", f"{name}: generator", apart, GENERATOR, text))
     for t in e.taps:
         want = _fed(t, e, known)
         if want is None:
@@ -49,19 +51,11 @@ def generator(e: Evidence) -> list[Check]:
     return checks
 
 
-def _alone(sources: dict[str, Block], e: Evidence) -> dict[str, np.ndarray]:
-    """Sources without the gates that they stand behind."""
-    if not sources:
-        return {}
-    proc = compile(Scene({f"noise{k}": b for k, b in enumerate(sources.values())}), e.fs, seed=e.seed)
-    return dict(zip(sources, proc.process(np.empty((0, e.x.shape[1]))), strict=True))
-
-
-def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.ndarray | None:
+def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None:
     """The enabled samples of a gated noise once more: its blocks without the gate, inputs in place of the sources."""
     below = reach([t.block.block])
     whites = [b for b in below if b.noise_key]
-    if any(isinstance(b, (Param, Enabled, Loop)) for b in below) or any(b.noise_key not in known for b in whites):
+    if any(isinstance(b, (Param, Subsystem, Loop)) for b in below) or any((t.seed, b.noise_key) not in known for b in whites):
         return None
     new: dict[int, Block] = {}
     old: dict[int, Block] = {}
@@ -74,12 +68,12 @@ def _fed(t: Tap, e: Evidence, known: dict[tuple[int, int], np.ndarray]) -> np.nd
             new[id(b)] = b
         old[id(new[id(b)])] = b
     try:
-        proc = compile(Scene({"n": new[id(t.block.block)]}), e.fs, seed=e.seed)
+        proc = compile(Scene({"n": new[id(t.block.block)]}), e.fs, seed=t.seed)
     except SceneError:
         return None
     like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
-    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design)(e.seed)]
-    rows = {f"white_{seed}_{stream}": white for (seed, stream), white in known.items()}
+    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design)(t.seed)]
+    rows = {"white_{}_{}".format(*key): white for (seed, key), white in known.items() if seed == t.seed}
     early = lead(e.fs)
     x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])
     return proc.process(x)[0, early:]
@@ -102,7 +96,7 @@ def noise(e: Evidence) -> list[Check]:
     for a, b, low, high, size in pairs(e):
         name = f"{a.output} and {b.output}: independence"
         if not np.isfinite(size):
-            e.skipped.append(f"{name}: they have too few frequencies in common to tell even equal noises")
+            e.skipped.append(f"{name}: they begin with one seed, or have too few frequencies in common to tell even equal noises")
             continue
         assert a.model is not None
         c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, low, high)

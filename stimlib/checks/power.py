@@ -81,7 +81,8 @@ def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
     for k, a in enumerate(enough):
         for b in enough[k + 1 :]:
             n, low, high = min(a.stream.size, b.stream.size), max(a.f_low, b.f_low), min(a.f_high, b.f_high)
-            found.append((a, b, low, high, smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)))
+            again = a.run != b.run and a.seed == b.seed  # the same keys in another segment
+            found.append((a, b, low, high, math.nan if again else smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)))
     return found
 
 

@@ -13,7 +13,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..files.session import MotionFile, SessionLog
-from ..run.safety import Watch, protect, to_device
+from ..run.safety import GAIN, Watch, protect, to_device
 from ..run.walk import samples, walk
 from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps
 from .noise import generator, noise
@@ -59,6 +59,12 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
         checks += scene_law(law)
     checks += limits_kept(e)
     e.skipped += log.notes
+    for event in (event for event in log.events if event.kind in ("rise", "fall")):
+        where = "before sample 0, from silence to it" if event.kind == "rise" else f"from sample {event.at} on, to silence"
+        e.skipped.append(f"fade outside of the stimulus: {event.data['frames']} frames {where}; they have no hash")
+    if along := [c for c in log.changes if c.name == GAIN and c.ramp * log.fs > 1]:
+        where = f"{along[0].at} to {along[0].at + round(along[0].ramp * log.fs)}"
+        e.numbers.append(f"{len(along)} fades on the stimulus, the first along samples {where}")
     if log.lost:
         lost = sum(n for _, n in log.lost)
         e.skipped.append(

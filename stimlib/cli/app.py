@@ -17,6 +17,7 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
+from ..core.progress import announce
 from ..errors import StimlibError, shown
 from ..version import __version__
 
@@ -116,7 +117,11 @@ def friendly() -> Iterator[None]:
             warnings.simplefilter("default", RuntimeWarning)
             once = cache(note)  # the same words from two places are one warning
             warnings.showwarning = lambda message, *_, **__: once(str(message))
-            yield
+            announce[:] = [cache(lambda text: errors.print(text, markup=False, highlight=False, soft_wrap=True))]
+            try:
+                yield
+            finally:
+                announce.clear()
     except (typer.Exit, typer.Abort):  # what typer makes an end of
         raise
     except BrokenPipeError:

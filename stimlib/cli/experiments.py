@@ -117,7 +117,7 @@ def played(
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
         if sink not in FAST:
-            print("preparing what will be displayed; the first time this takes up to a minute or so", flush=True)
+            print("preparing what will be displayed", flush=True)
         try:
             with terminable():
                 if page:
@@ -190,7 +190,8 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     for s in found:
         who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
-        print(f"{who}: {s['trials']} trials, {s['training']} of them training ({conditions}); {s['replays']} replays, "
+        old = f" ({s['shared']} with one time for all intervals, by an older stimlib)" if s["shared"] else ""
+        print(f"{who}: {s['trials']} trials{old}, {s['training']} of them training ({conditions}); {s['replays']} replays, "
               f"{s['unanswered']} presentations without an answer, {s['lost']} samples lost, {s['limited']} limited; "
               f"last answer {s['last'][:19] or 'none'}")  # fmt: skip
     if not found:

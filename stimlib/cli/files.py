@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..core.progress import progress
 from ..errors import shown
 from . import options as opt
 from .app import command, end, errors, note, print_json, print_wide
@@ -29,15 +30,20 @@ def demo_(
     from rich.table import Table
     from rich.text import Text
 
-    from ..demo import demo
+    from ..demo import STIMULI, demo
 
     table = Table()
     for column in ("file", "what it is", "what to look at, or listen for"):
         table.add_column(column, overflow="fold")
     passed = True
-    with errors.status("rendering, proving and drawing; the first time also compiling"):
+    errors.print(
+        "rendering, proving and drawing three stimuli; the first time also compiling, which takes a minute", soft_wrap=True
+    )
+    with progress("demo", len(STIMULI)) as advance:
         with closing(demo(folder)) as stimuli:
             for made in stimuli:
+                advance(1)
+                errors.print(f"{made.name}: {'passed' if made.passed else 'FAILED'}", highlight=False)
                 for path, what, look in made.files:
                     table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
                 passed &= made.passed

@@ -22,8 +22,11 @@ from numpy.typing import NDArray
 
 from ..core import definitions, regular
 from ..core.beside import beside
+from ..core.bounds import limits
+from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.progress import progress as bar
+from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, shown
 from ..motion.source import frames_of, sources_of, warn_fast
 from ..run.processor import Processor
@@ -42,8 +45,8 @@ NEARLY = 1.79e308  # the largest float less more than what rounding a sample add
 def write(
     path: str | os.PathLike[str],
     proc: Processor,
-    motion: Mapping[str, Callable[[Array], Any] | NDArray[Any]],
-    seconds: float,
+    motion: Mapping[str, Callable[[Array], Any] | NDArray[Any]] | None = None,
+    seconds: float | None = None,
     *,
     format: str | None = None,
     subtype: str | None = None,
@@ -134,7 +137,7 @@ def write(
     frames = frames_of(seconds, proc.fs)
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
-        warn_fast(sources, proc.scene, seconds)
+        warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
         return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most)))
 
     return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
@@ -198,7 +201,7 @@ def save(
 def _write(
     path: Path,
     proc: Processor,
-    motion: Mapping[str, Any],
+    motion: Mapping[str, Any] | None,
     frames: int,
     blocks: Callable[[dict[str, Any], int], Iterator[Array]],
     format: str | None,
@@ -416,6 +419,56 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
             return _samples(path, f, scales, frames), info
     except soundfile().SoundFileError as e:
         raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
+
+
+def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], float]:
+    """Return a sound file as a scene that passes its channels on, what drives it, and its sample rate.
+
+    Parameters
+    ----------
+    path : path
+        A file of `write` is in its physical units; of any other sound file the outputs are channel1, channel2, ..,
+        without a unit.
+
+    Returns
+    -------
+    scene : Scene
+    motion : dict of str to ndarray, shape (n,)
+    fs : float
+        Hz.
+
+    Raises
+    ------
+    SinkError
+        As `read`; a file that is no sound, or has samples that are not finite.
+    BadValue
+        More samples than ``stimlib.limits.render_bytes``.
+
+    Examples
+    --------
+    >>> import stimlib, tempfile
+    >>> scene = stimlib.Scene({"force": stimlib.constant(2.0, "N")})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = stimlib.render(scene, fs=1000, seconds=0.003).save(folder + "/a.wav", full_scale=4.0)
+    ...     as_scene(folder + "/a.wav")
+    (Scene(force [N] -> force [N]), {'force': array([2., 2., 2.])}, 1000.0)
+    """
+    path = Path(path)
+    info: dict[str, Any] = {}
+    if sidecar_of(path).exists():
+        y, info = read(path)
+    else:
+        try:
+            with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+                limits.check("render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples")
+                y, info["fs"] = f.read(dtype="float64", always_2d=True).T, f.samplerate
+        except soundfile().SoundFileError as e:
+            raise SinkError(f"{path} cannot be read: it is damaged, or no sound file ({reason(e)})") from e
+    if not y.size or not np.isfinite(y).all():
+        raise SinkError(f"{path} has no samples, or some that are not finite: there is nothing to play")
+    channels = info.get("channels") or [{"name": f"channel{k + 1}", "unit": "1"} for k in range(len(y))]
+    scene = Scene({c["name"]: Input(c["name"], "" if c["unit"] == "1" else c["unit"]) for c in channels})
+    return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
 
 
 def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..errors import BadValue
 
-ONSETS = ("rest", "step")
+ONSETS = ("steady", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
 
 
 # The exact answers ---------------------------------------------------------------------------------------------------
-def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> np.ndarray:
+def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "steady") -> np.ndarray:
     """What chi D^alpha y is at the times t, exactly, when y is straight between them.
 
     f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 - alpha)), without cancellation.
@@ -32,7 +32,7 @@ def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> n
         N s^alpha/m, not below 0.
     alpha : float
         From 0 (spring) to 1 (dashpot).
-    onset : {"rest", "step"}
+    onset : {"steady", "step"}
         Whether y has always been where it is at first, or jumps there from 0 (the force at that time is then infinite).
 
     Returns
@@ -65,7 +65,7 @@ def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "rest") -> n
     return chi * out
 
 
-def maxwell_force(t, y, k0: float, arms, *, onset: str = "rest") -> np.ndarray:
+def maxwell_force(t, y, k0: float, arms, *, onset: str = "steady") -> np.ndarray:
     """What a spring and Maxwell arms answer at the times t, exactly, when y is straight between them.
 
     Parameters

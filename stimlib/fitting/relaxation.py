@@ -43,7 +43,7 @@ class MaterialFit:
     f: np.ndarray
     fitted: np.ndarray
     used: np.ndarray
-    onset: str = field(default="rest")
+    onset: str = field(default="steady")
 
     @property
     def residual(self) -> np.ndarray:
@@ -190,7 +190,7 @@ class MaxwellFit(MaterialFit):
         return generalized_maxwell(y, self.k0, self.arms, **options)
 
 
-def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest") -> SpringpotFit:
+def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "steady") -> SpringpotFit:
     """Order and coefficient of the springpot that answers the recorded motion most like the recorded force.
 
     Parameters
@@ -205,7 +205,7 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
         Samples to fit, such as the hold only; the motion before them still acts.  Default: all after the motion has begun.
     sigma : {"relative", "absolute"} or array_like, shape (n,)
         What the errors are measured with: each force itself, the same for all, or the given standard deviations.
-    onset : {"rest", "step"}
+    onset : {"steady", "step"}
         Whether y has always been where it is at first, or jumps there from 0 at t[0].
 
     Returns
@@ -276,7 +276,7 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "rest")
 
 
 def fit_generalized_maxwell(
-    t, y, f, *, arms: int, spring: bool = True, where=None, sigma="relative", onset: str = "rest"
+    t, y, f, *, arms: int, spring: bool = True, where=None, sigma="relative", onset: str = "steady"
 ) -> MaxwellFit:
     """Stiffnesses and time constants of a generalized Maxwell model from a recorded motion and force.
 

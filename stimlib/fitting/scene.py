@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.packages import package
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
@@ -352,9 +353,7 @@ def fit(
     >>> stimlib.fit(tissue, motion, force, {"k": 50.0, "b": (1.0, 0, 10)}, fs=1000)
     Fit(k=80, b=3; loss ..., ... steps)
     """
-    import jax
-    import jax.numpy as jnp
-    import optax
+    jax, jnp, optax = (package(name, "fit") for name in ("jax", "jax.numpy", "optax"))
 
     if not (callable(loss) or loss in LOSSES):
         raise BadValue(f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals, target)")

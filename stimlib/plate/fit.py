@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.packages import package
 from ..errors import BadValue
 from .model import Plate, check_plate
 
@@ -56,7 +57,7 @@ def fit_frame(
     >>> (100 * found.residual).round(1)
     array([ 0.8, -2.1,  1.3])
     """
-    import jax
+    jax = package("jax", "fit_frame")
     from scipy.optimize import least_squares
 
     check_plate("fit_frame", model)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.packages import package
 from ..errors import BadValue
 from .patch import Patch
 from .ritz import HELD, Axis, bending
@@ -385,7 +386,7 @@ class Plate:
         m = self.matrices
 
         def f(numbers: dict[str, Any]) -> Any:
-            import jax.numpy as jnp
+            jnp = package("jax.numpy", "Plate.frequencies")
 
             if set(numbers) - set(known) or (self.clamp_stiffness is None and "clamp_stiffness" in numbers):
                 raise BadValue(

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.bounds import limits
 from ..errors import BadValue
-from .given import explain, key, length
+from .given import columns, explain, key, length
 
 WORTHWHILE = 2048
 """Samples, of all copies together, for which it is worth while to wake another thread."""
@@ -52,13 +52,13 @@ class Copies(Sequence[Any]):
     def __repr__(self):
         return f"Copies({len(self)} of {self[0]!r}, {self.threads} threads)"
 
-    def process(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
         """The next n samples of every copy.
 
         Parameters
         ----------
         x : ndarray, shape (n_inputs, n) or (copies, n_inputs, n), float64, C-contiguous
-            One motion for all, or one for each; as in ``Processor.process``.
+            One motion for all, or one for each; or a number of samples, as in ``Processor.process``.
         out : ndarray, shape (copies, n_outputs, n), float64, C-contiguous, optional
             Written and returned when given.
 
@@ -81,6 +81,7 @@ class Copies(Sequence[Any]):
                [[6., 8.]]])
         """
         copies, inputs, outputs = len(self), self[0].inputs, self[0].outputs
+        x = x if isinstance(x, np.ndarray) else columns(x, inputs)
         explain("x", x, inputs, (len(inputs), None), (copies, len(inputs), None))
         n = x.shape[-1]
         if out is None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.bounds import limits
 from ..errors import BadValue
 
 
@@ -22,6 +23,17 @@ def length(values: Any) -> int | None:
         return len(values)
     except TypeError:
         return None
+
+
+def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
+    """Motion for so many samples of a scene without inputs, shape (0, n)."""
+    if inputs:
+        explain("x", n, inputs, (len(inputs), None))
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
+        wanted = "a number of samples, or an array of shape (0, n)"
+        raise BadValue(f"process: x = {n!r:.80} must be {wanted}; this scene has no inputs")
+    limits.check("render_bytes", 8 * int(n), f"process: bytes of {n} samples")
+    return np.empty((0, int(n)))
 
 
 def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 import numpy as np
 
 from ..core.graph import kind, pack
-from ..core.program import PARAMS, ROOT, Program, check_memory, design_of, first_states, lead, number, program_of, rate
+from ..core.packages import package
+from ..core.program import PARAMS, Program, check_memory, design_of, first_states, lead, number, program_of, rate
 from ..errors import BadValue, SceneError, StimlibError, UnknownName
 from .copies import Copies
-from .given import explain, key
+from .given import columns, explain, key
 from .plan import Plan, PlanRow
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 TARGETS = ("numba", "python", "jax")
+EARLY = 2**16  # samples before sample 0 that are run at once: an interrupt acts between
 LONGEST = 2**62
 """Samples of the longest run."""
 
@@ -82,6 +84,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
     array([[ 0., 20.]])
     """
     if target == "jax":
+        package("jax", "target='jax'")
         from ..targets.jax.function import OPTIONS, Function
 
         if unknown := [name for name in options if name not in OPTIONS]:
@@ -104,9 +107,12 @@ class Processor:
     one thread at a time.  ``set``, ``reset`` and ``state`` wait for each other, and ``index``, ``params``, ``fault`` may be
     read at any time; but while ``process`` runs in one thread, no other may call ``process``, ``reset`` or ``state``: that
     breaks nothing but the samples.  Sinks change parameters of a running processor by ``sink.set``.
+
+    A processor that gets another of the same scene and fs as ``begun`` takes its start over, instead of running what comes
+    before sample 0 again.
     """
 
-    def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0):
+    def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0, begun: Processor | None = None):
         began = time.perf_counter()
         fs = rate(fs)
         if target == "jax":
@@ -117,7 +123,7 @@ class Processor:
             raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = program_of(scene)
-        self.design = design_of(self.program, fs)
+        self.design = design_of(self.program, fs, 5000.0 if target == "python" and begun is None else 20.0)
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from ..targets.numba.engine import Engine
@@ -137,7 +143,8 @@ class Processor:
         sizes = [pack(s).size for _, s in self.design]
         self._place = np.cumsum([0, *sizes[:-1]]).tolist()  # of each instance's state among the words
         self._guards = [(name, self._place[i]) for name, i in self.program.outputs.items()]
-        self._fresh: dict[int, np.ndarray] = {}  # states at sample 0, by seed
+        # states at sample 0, by seed: the same on all targets
+        self._fresh: dict[int, np.ndarray] = {} if begun is None else begun._fresh.copy()
         self._remembered = 8
         self._size = 2 + sum(sizes)
         shapes = [[(kind(v), np.size(v)) for v in s] for _, s in self.design]
@@ -154,13 +161,13 @@ class Processor:
         return f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)}, fs={self.fs:g}, {self.target})"
 
     # Running -----------------------------------------------------------------------------------------------------
-    def process(self, x: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
         """The next n samples.
 
         Parameters
         ----------
-        x : ndarray, shape (n_inputs, n), float64, C-contiguous
-            Rows in the order of ``inputs``, in their units.
+        x : ndarray, shape (n_inputs, n), float64, C-contiguous; or int
+            Rows in the order of ``inputs``, in their units.  The number n serves a scene without inputs.
         out : ndarray, shape (n_outputs, n), float64, C-contiguous, optional
             Written and returned when given; no memory is allocated then.
 
@@ -183,13 +190,15 @@ class Processor:
         """
         try:
             if out is None:
-                out = np.empty((len(self.outputs), x.shape[1]))
+                out = np.empty((len(self.outputs), x.shape[1]))  # type: ignore[union-attr, arg-type]
             if not self._run(x, out):
                 return out
         except StimlibError:  # of a step
             raise
         except (TypeError, AttributeError, IndexError, ValueError):
             pass
+        if not isinstance(x, np.ndarray):
+            return self.process(columns(x, self.inputs), out)
         explain("x", x, self.inputs, (len(self.inputs), None))
         explain("out", out, self.outputs, (len(self.outputs), x.shape[1]))
         if np.may_share_memory(x, out):
@@ -258,7 +267,8 @@ class Processor:
             if self.seed not in self._fresh:
                 self._engine.words = self._first(self.seed)
                 for clock in self._early:
-                    self._engine.warm(clock, lead(self.fs))
+                    for at in range(0, lead(self.fs), EARLY):
+                        self._engine.warm(clock, min(EARLY, lead(self.fs) - at))
                 if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
                 self._fresh[self.seed] = self._engine.words
@@ -379,7 +389,7 @@ class Processor:
     @property
     def plan(self) -> Plan:
         """What runs, on which clock, and what was removed; ``print(proc.plan)``."""
-        names = ["params", "root"] + [f"enabled {c - ROOT}" for c in range(ROOT + 1, len(self.program.parents))]
+        names = self.program.clocks
         segments = getattr(self._engine, "segments", [""] * len(self.program.instances))
         rows = [
             PlanRow(i, q.kind, repr(q.block), names[q.clock], q.args, q.autonomous, segments[i])

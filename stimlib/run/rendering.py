@@ -33,41 +33,97 @@ def fault_text(name: str, at: int, fs: float, then: str) -> str:
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
 
 
-def stream(proc: Processor, motion: Motion, seconds: float | None = None, block: int = 8192) -> Iterator[np.ndarray]:
-    """Pull a processor along a motion, block after block, in flat memory.
+def stream(
+    scene: Scene | Processor,
+    motion: Motion | None = None,
+    fs: float | None = None,
+    seconds: float | None = None,
+    params: Mapping[str, float] | None = None,
+    seed: int = 0,
+    target: str = "numba",
+    on_fault: Literal["warn", "raise", "ignore"] = "warn",
+    block: int = 8192,
+) -> Iterator[np.ndarray]:
+    """Drive a scene with a motion, block after block, in flat memory.
 
     Parameters
     ----------
-    proc : Processor
-    motion : dict of str to callable or ndarray
+    scene : Scene or Processor
+        A processor goes on from where it is, with its own rate, parameters, seed and target; time 0 of the motion is its
+        next sample.
+    motion : dict of str to callable or ndarray, optional
         For every input a pure function of time (array of s -> array in the input's unit) or float64 samples at fs.
-    seconds : float, optional
-        Length; by default that of the shortest array.
+        A scene without inputs needs none.
+    fs, seconds, params, seed, target, on_fault
+        As for ``render``; what becomes of a fault comes with the last block.
     block : int
         Samples per block; the samples do not depend on it.
 
     Yields
     ------
     ndarray, shape (n_outputs, n)
-        Valid until the next block.
+        Yours to keep.  ``stimlib.run.walk.walk`` gives the same samples in one array that it uses again.
+
+    Warns
+    -----
+    RuntimeWarning
+        As ``render``.
 
     Raises
     ------
     BadValue, UnknownName
-        Inputs missing or surplus, too short, or endless.
+        Inputs missing or surplus, too short, or endless; fs missing, or given for a processor, which has one.
+    FaultError
+        As ``render``.
 
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
-    >>> sum(y.shape[1] for y in stimlib.stream(proc, {"x": np.ones(100)}, block=30))
-    100
+    >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x")})
+    >>> parts = list(stimlib.stream(scene, {"x": np.arange(100.0)}, fs=1000, block=30))
+    >>> np.array_equal(np.hstack(parts)[0], 2 * np.arange(100.0))
+    True
     """
+    if not isinstance(scene, Processor):
+        proc = _driven(scene, fs, params, seed, target, on_fault)
+    elif fs is None and not params and not seed:
+        proc = scene
+    else:
+        raise BadValue("stream: a Processor has its own fs, params and seed: give a Scene with them, or the Processor without")
     frames, sources = _plan(proc, motion, seconds)
-    return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=block))
+    warn_beyond(proc.program, proc.fs, frames)
+    warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
+
+    def parts() -> Iterator[np.ndarray]:
+        for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=block):
+            yield y.copy()
+        _tell(proc.fault, proc.fs, on_fault)
+
+    return parts()
 
 
-def _plan(proc: Processor, motion: Motion, seconds: float | None) -> tuple[int, dict[str, Any]]:
+def _driven(scene: Any, fs: float | None, params: Mapping[str, float] | None, seed: int, target: str, on_fault: str) -> Processor:
+    """A processor at sample 0, with its parameters."""
+    if on_fault not in FAULTS:
+        raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
+    proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
+    if not isinstance(params, Mapping | None):
+        raise BadValue(f"params must map names of parameters to values, got {type(params).__name__}")
+    for name, value in (params or {}).items():
+        proc.set(name, value, ramp=0.0)
+    return proc
+
+
+def _tell(fault: tuple[str, int] | None, fs: float, on_fault: str) -> None:
+    if fault is None or on_fault == "ignore":
+        return
+    text = fault_text(*fault, fs, "from there on it is not the scene's but a fade to 0")
+    if on_fault == "raise":
+        raise FaultError(text)
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _plan(proc: Processor, motion: Motion | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
     """Number of samples, by default those of the shortest recording, and the checked motion."""
     sources = sources_of(motion, proc.inputs, 0)
     if seconds is not None:
@@ -75,7 +131,8 @@ def _plan(proc: Processor, motion: Motion, seconds: float | None) -> tuple[int, 
         return frames, sources_of(sources, proc.inputs, frames)
     lengths = [len(s) for s in sources.values() if not callable(s)]
     if not lengths:
-        raise BadValue("motion given as functions of time goes on for ever: say how many seconds to render")
+        what = "motion given as functions of time" if sources else "a scene without inputs"
+        raise BadValue(f"{what} goes on for ever: say how many seconds to render")
     return min(lengths), sources
 
 
@@ -239,19 +296,11 @@ class Rendering:
         display = package("IPython.display", "audio")
         return display.Audio(y / (np.abs(y).max() or 1.0), rate=round(self.fs), normalize=False)
 
-    def _tell(self, on_fault: str) -> None:
-        if self.fault is None or on_fault == "ignore":
-            return
-        text = fault_text(*self.fault, self.fs, "from there on it is not the scene's but a fade to 0")
-        if on_fault == "raise":
-            raise FaultError(text)
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
-
 
 def render(
     scene: Scene,
-    motion: Motion,
-    fs: float,
+    motion: Motion | None = None,
+    fs: float | None = None,
     seconds: float | None = None,
     params: Mapping[str, float] | None = None,
     seed: int = 0,
@@ -263,8 +312,9 @@ def render(
     Parameters
     ----------
     scene : Scene
-    motion : dict of str to callable or ndarray
-        See ``stream``.
+    motion : dict of str to callable or ndarray, optional
+        For every input a pure function of time (array of s -> array in the input's unit) or float64 samples at fs.
+        A scene without inputs needs none.
     fs : float
         Sample rate in Hz.
     seconds : float, optional
@@ -285,7 +335,8 @@ def render(
     -----
     RuntimeWarning
         An output was not finite: from that sample on it fades out.  The run is longer than the horizon of a springpot.
-        A generator moves an input in m at more than 1 m/s: its depth is probably in mm.
+        A generator or an array moves an input in m at more than 1 m/s: its depth is probably in mm, or the array was
+        recorded at another rate than fs.
 
     Raises
     ------
@@ -302,18 +353,11 @@ def render(
     >>> stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000, params={"k": 1000.0})["force"]
     array([ 0., 10.])
     """
-    if on_fault not in FAULTS:
-        raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
-    proc = Processor(scene, fs, target, seed)
-    if not isinstance(params, Mapping | None):
-        raise BadValue(f"params must map names of parameters to values, got {type(params).__name__}")
-    for name, value in (params or {}).items():
-        proc.set(name, value, ramp=0.0)
+    proc = _driven(scene, fs, params, seed, target, on_fault)
     frames, sources = _plan(proc, motion, seconds)
     limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
     warn_beyond(proc.program, proc.fs, frames)
-    warn_fast(sources, scene, frames / proc.fs)
+    warn_fast(sources, scene, frames / proc.fs, proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames)
-    made = Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion))
-    made._tell(on_fault)
-    return made
+    _tell(proc.fault, proc.fs, on_fault)
+    return Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {}))

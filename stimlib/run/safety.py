@@ -19,7 +19,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, SceneError, UnitError, UnknownName
 
 GAIN = "sink_gain"
-"""The parameter of the fade: 0 before the start and after the end, 1 in between."""
+"""The parameter of the fade: 1 while a session plays, on its way to 0 when it is stopped or the hand is away."""
 
 STEPS = 128
 """A fade has at least so many samples, so that full scale ends in steps of less than 1 % at every sample rate."""
@@ -40,7 +40,8 @@ class Safety:
     static : float, optional
         Static force in N that it bears, of every output in N: see ``stimlib.blocks.static_limit``.
     fade : float
-        Seconds of the fades at start and end, 0.02 to 0.5; where these are fewer than 128 samples, 128 samples.
+        Seconds of the fades before the first sample, after the last and at a stop, 0.02 to 0.5; where these are fewer than
+        128 samples, 128 samples.
 
     Raises
     ------

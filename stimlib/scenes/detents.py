@@ -46,7 +46,7 @@ def detents(
     --------
     >>> from stimlib.scenes import detents
     >>> detents(count=12)
-    Scene(angle [1], depth [J], friction [J] -> torque [J])
+    Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
     """
     check_arguments(detents, locals())
     for name, value in (("count", count), ("friction", friction), ("presliding", presliding)):

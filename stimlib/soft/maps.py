@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..blocks.stiffness import Levels, table_of
 from ..core import bounds, regular
 from ..core.graph import design_value
+from ..core.packages import package
 from ..errors import BadValue
 
 BLOCK = 0.12
@@ -88,7 +89,7 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
            [0. , 0.2],
            [0. , 0. ]]), width=0.01, height=0.02)
     """
-    from matplotlib.image import imread
+    imread = package("matplotlib.image", "a map from a picture").imread
     from PIL import Image
 
     data = regular.read(path, "sidecar_bytes", BadValue)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..blocks.indenter import deformation
 from ..core import bounds, regular
 from ..core.graph import Input, design_value
+from ..core.packages import package
 from ..core.progress import progress
 from ..core.scene import Scene
 from ..errors import BadValue
@@ -185,8 +186,7 @@ def picture(
     >>> picture(stimlib.render(soft_surface("deformation"), hand, fs=1000)).axes[0].name
     '3d'
     """
-    from matplotlib.figure import Figure
-
+    Figure = package("matplotlib.figure", "a picture").Figure
     n = result.y.shape[1]
     if at is None:
         deep = [result[name] for name in result.outputs if name.startswith("depth")]
@@ -258,7 +258,7 @@ def film(
     >>> film(stimlib.render(soft_surface("deformation"), hand, fs=1000), "soft.gif", fps=20)
     2
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    FigureCanvasAgg = package("matplotlib.backends.backend_agg", "a film").FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = Path(path)

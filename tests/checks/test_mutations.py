@@ -7,7 +7,7 @@ renderings.
 import numpy as np
 import pytest
 from correct import rendering
-from faults import DESIGNS, FAULTS, MUTATIONS, caught, failed, mutated
+from faults import DESIGNS, FAULTS, MUTATIONS, OLD, WAVE, caught, failed, mutated, scene_of
 from laws import STRESS
 
 import stimlib
@@ -20,10 +20,16 @@ def test_the_verifier_catches(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in FAULTS if name not in MUTATIONS and not name.startswith(("sidecar", "storage"))]
+    "name", [name for name in FAULTS if name not in MUTATIONS and not name.startswith(("sidecar", "storage", "old formula"))]
 )
 def test_every_fault_is_caught(name, tmp_path):
     assert caught(name, tmp_path)
+
+
+@pytest.mark.parametrize("name", OLD)
+def test_a_formula_that_was_wrong_is_refused_by_its_law(name, tmp_path):
+    """Whose block states a response that its samples have: the law alone sees it."""
+    assert {text.partition(" ")[0] for text in caught(f"old formula: {name}", tmp_path)} == {"(a2)"}
 
 
 def test_what_is_faulty_is_not_the_scene():
@@ -31,6 +37,8 @@ def test_what_is_faulty_is_not_the_scene():
     assert len(FAULTS) >= 60
     for _, _, scene, motion in DESIGNS.values():
         assert not failed(scene, motion, seconds=0.3)
+    for *_, block in OLD.values():
+        assert not failed(scene_of(block), WAVE, seconds=0.3)
     with mutated(*MUTATIONS["k 1 % off"][:3]):
         assert failed(seconds=0.1)
 

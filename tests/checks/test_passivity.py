@@ -74,8 +74,13 @@ def test_what_is_told_of_a_scene():
 
 
 @pytest.mark.parametrize(("fs", "delay", "want"), [(8000, 0, 0.31), (1000, 0, 0.83), (8000, 3e-3, 3.3)])
-def test_a_kelvin_voigt_element(fs, delay, want):
-    assert needed(kelvin_voigt(X, 1000.0, 2.0), fs, delay=delay) == pytest.approx(want, rel=0.03)
+def test_a_kelvin_voigt_element_with_a_smooth_velocity(fs, delay, want):
+    assert needed(kelvin_voigt(X, 1000.0, 2.0, cutoff=100.0), fs, delay=delay) == pytest.approx(want, rel=0.03)
+
+
+@pytest.mark.parametrize(("k", "b"), [(1000.0, 2.0), (5000.0, 2.0)])
+def test_a_kelvin_voigt_element_needs_its_own_damping(k, b):
+    assert needed(kelvin_voigt(X, k, b), 1000) == pytest.approx(max(b, k / 1000 - b), rel=1e-6)
 
 
 def test_show_warns(tmp_path):

@@ -70,7 +70,7 @@ def test_two_noises_are_compared_in_the_band_that_both_have(lowest, band):
     ((_, _, low, high, size),) = pairs(report.evidence)
     assert report.passed and (low, high) == (band or (lowest, 200.0))
     assert np.isfinite(size) == any("independence" in c.name for c in report.checks) == (band is not None)
-    told = "a and b: independence: they have too few frequencies in common to tell even equal noises"
+    told = "a and b: independence: they begin with one seed, or have too few frequencies in common to tell even equal noises"
     assert (told in report.evidence.skipped) == (band is None)
     assert sum("independence" in s.check for s in report.certainty()) == (band is not None)
 

@@ -1,6 +1,7 @@
 """The touch screen down to the finger: its law, what the law catches, and what the swap is for."""
 
 import dataclasses as dc
+import re
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ def report(scene, motion, **words):
     "more",
     [{}, {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"}, {"waveform": "square", "amplitude": 3.0}, {"finger": True}],
 )
+@pytest.mark.filterwarnings("ignore:touch_screen.* are held")
 def test_every_stage_is_proved(more):
     r = report(touch_screen(model=GLASS, **more), minimum_jerk(depth=0.1, rise=0.3), params={"duty": 0.4})
     assert r.passed, str(r)
@@ -48,6 +50,36 @@ def test_the_displacement_is_the_same_everywhere_and_the_swap_keeps_the_bumps():
         assert np.ptp(tops) < 0.06 * np.mean(tops)
         depth[swap] = np.ptp(envelope[2400:5600])
     assert depth[4.0] > 2 * depth[1.0]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"amplitude": 4.0},
+        {"amplitude": 7.5, "swap": 1.0},
+        {"amplitude": 4.0, "rectify": "half"},
+        {"amplitude": 9.0, "rectify": "full"},
+    ],
+)
+def test_a_drive_that_the_patches_cannot_take_warns_and_says_what_is_lost(more):
+    """Against the scene itself: a bump that is on all the time, a finger held where the plate moves least."""
+    words = {"waveform": "square", "duty": 1.0, "model": GLASS, "modes": 1} | more
+    with pytest.warns(RuntimeWarning, match="% of the vibration is lost") as told:
+        scene = touch_screen(**words)
+    held, lost = map(int, re.findall(r"(\d+) %", str(told[0].message)))
+    line, voltage = [], {}
+    for name, s in (("shown", scene), ("asked", touch_screen(**words | {"amplitude": 1e-3}))):
+        voltage[name] = stimlib.render(s, {"x": np.zeros(16000)}, 8000)["voltage"][8000:]
+        turns = GLASS.carrier() * (2 if "full" in more.values() else 1) * np.arange(8000) / 8000
+        line.append(abs(np.sum(voltage[name] * np.exp(-2j * np.pi * turns))))
+    v = voltage["shown"]
+    assert 100 * np.mean((v == -100) | (v == 400)) == pytest.approx(held, abs=2)
+    assert 100 * (1 - line[0] / line[1] / (1e3 * more["amplitude"])) == pytest.approx(lost, abs=2)
+
+
+def test_a_drive_that_fits_does_not_warn():
+    for more in ({}, {"amplitude": 1.0}, {"amplitude": 4.0, "rectify": "half", "swap": 1.0}):
+        touch_screen(model=GLASS, **more)  # a warning is an error in these tests
 
 
 def test_a_scene_that_makes_no_sense_is_told():

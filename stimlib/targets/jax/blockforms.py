@@ -28,6 +28,7 @@ from ...blocks.filters import Cascade
 from ...blocks.fir import Fir
 from ...blocks.gate import Gate
 from ...blocks.modes import Modes, PinkNoise
+from ...blocks.onset import First
 from ...blocks.places import SpatialNoise
 from ...blocks.relaxation import MaxwellArms
 from ...blocks.series import Series
@@ -490,6 +491,7 @@ LOWERINGS: dict[type[Block], Callable] = {
     Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
     SpatialNoise: placeforms.spatial_noise,
     Cursor: signalforms.cursor, DelayAvatar: signalforms.avatar,
+    First: lambda b, p, s, x, run: spread(x[0], run.n)[0],
     Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
     MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
     pot.Springpot: springpot, pot.SpringpotLive: springpot_live,

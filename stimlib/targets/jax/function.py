@@ -2,7 +2,7 @@
 
 The program is the one that all targets run.  Each instance becomes an array over the samples of its clock (or a scalar where
 it is the same at all of them): what is autonomous begins ``lead(fs)`` samples early, and a gated clock has as many samples as
-could be enabled, of which the gate picks those that were.
+could be enabled, of which the gate picks those that were. A segment has its own samples alone, or none where a run ends before.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from ...blocks.gate import Gate
 from ...core.cycles import Cycle
-from ...core.graph import Block, Compare, Const, Param
+from ...core.graph import Block, Compare, Const, Param, Segment
 from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of, rate, warn_beyond
 from ...errors import BadValue, SceneError, UnknownName
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
@@ -68,7 +68,8 @@ class Function:
         self._decisions = {
             f"gate {i}": i
             for i, q in enumerate(instances)
-            if q.clock == ROOT and (q.kind == "open" or isinstance(q.block, (Gate, Compare)))
+            if q.clock == ROOT
+            and (isinstance(q.block, (Gate, Compare)) or (q.kind == "open" and not isinstance(q.block, Segment)))
         }
         self.gates = tuple(self._decisions)
         self.units = {n: str(instances[i].block.dim) for g in (self.program.inputs, self.program.params) for n, i in g.items()}
@@ -179,20 +180,36 @@ class Function:
         total = {ROOT: early + n}  # samples of each clock, with those before its sample 0
         opened: dict[int, Any] = {}  # gate of each enabled clock, over its parent's samples
         place: dict[int, Any] = {}
+        span: dict[int, tuple[int, int]] = {}  # of each segment's clock, in its parent's samples from sample 0 on
         parents = self.program.parents
+        silent: set[int] = set()  # clocks that have no sample in this run
 
         def row(param: Any, clock: int) -> Any:
             """A parameter given per sample, on a clock."""
             if clock == ROOT:
                 return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), param])
             above = row(param, parents[clock])
+            if clock in span:
+                return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), above[early:][slice(*span[clock])]])
             by = opened[clock]
             if clock not in place:
                 place[clock] = jnp.nonzero(by, size=by.shape[0], fill_value=by.shape[0] - 1)[0]
             return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), above[above.shape[0] - by.shape[0] :][place[clock]]])
 
+        def signal(a: int, clock: int) -> Any:
+            """What an instance gives on a clock."""
+            v = value[a]
+            if jnp.ndim(v) and instances[a].clock == PARAMS:
+                return row(v, clock)
+            if instances[a].kind == "input" and clock != ROOT:  # only segments have inputs
+                return signal(a, parents[clock])[slice(*span[clock])]
+            return v
+
         for i, q in enumerate(instances):
             clock = max(q.clock, ROOT)
+            if clock in silent:
+                silent.add(q.child)
+                continue
             size = total.get(clock, 0) - (0 if q.autonomous else early)
             if q.kind == "input":
                 value[i] = spread(motion[q.block.name], n)  # type: ignore[attr-defined]
@@ -203,6 +220,19 @@ class Function:
             if isinstance(q.block, Param):
                 value[i] = params[q.block.name]
                 continue
+            if isinstance(q.block, Segment):
+                if q.kind == "open":
+                    p = self.design[q.args[0]][0]
+                    span[q.child] = int(min(p.first, size)), int(min(p.end, size))
+                    a, end = span[q.child]
+                    total[q.child] = early + end - a
+                    silent |= {q.child} if a == end else set()
+                elif q.child in silent:
+                    value[i] = jnp.zeros(size)
+                else:
+                    a, end = span[q.child]
+                    value[i] = jnp.pad(_tail(signal(q.args[1], q.child), end - a), (a, size - end))
+                continue
             if q.kind == "close":
                 by, inside = opened[q.child], value[q.args[1]]
                 if jnp.ndim(inside):
@@ -212,12 +242,8 @@ class Function:
             if q.kind == "pick":
                 value[i] = value[q.args[0]][q.block.place]  # type: ignore[attr-defined]
                 continue
-            x = []
-            for a in q.args:
-                v = value[a]
-                if jnp.ndim(v) and instances[a].clock == PARAMS:
-                    v = row(v, clock)
-                x.append(v[v.shape[0] - size :] if jnp.ndim(v) else v)
+            x = [signal(a, clock) for a in q.args]
+            x = [v[v.shape[0] - size :] if jnp.ndim(v) else v for v in x]
             given = gates.get(f"gate {i}")
             if q.kind == "open":
                 by = spread(jnp.asarray(x[0]) > 0, size)
@@ -228,7 +254,8 @@ class Function:
             if given is not None:
                 value[i] = jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
                 continue
-            run = Run(size, self.fs, key, jnp.dtype(self.dtype), self.surrogate)
+            seed = self.program.seeds[clock]
+            run = Run(size, self.fs, key if seed is None else np.uint64(seed), jnp.dtype(self.dtype), self.surrogate)
             p, s = self.design[i]
             value[i] = _run_block(q.block, p, s, x, run)
         named = self.program.outputs | self._decisions
