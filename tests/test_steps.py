@@ -1,5 +1,6 @@
 """What a step may say: every remedy is named with file and line; every step that stimlib ships passes."""
 
+import importlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -256,7 +257,9 @@ def test_every_step_and_tile_we_ship_is_straight_line():
         steps.check(f, tile)
     for c in ours().values():
         assert (
-            c.step is not None or c.tile is not None or c.__name__ in ("Input", "Const", "Enabled", "Pick", "Loop", "Last", "Tap")
+            c.step is not None
+            or c.tile is not None
+            or c.__name__ in ("Input", "Const", "Enabled", "Segment", "Pick", "Loop", "Last", "Tap")
         ), c
 
 
@@ -677,3 +680,47 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
             blocks = zip(q.block.members, q.block.made.parts(p, s), strict=True) if of_loop else [(q.block, (p, s))]
             for block, numbers in blocks if q.kind == "block" else ():
                 steps.rehearse(block, *numbers)
+
+
+EDITED = """
+from dataclasses import dataclass
+from typing import NamedTuple
+from stimlib.core.graph import Block
+
+class P(NamedTuple):
+    gain: float
+
+@dataclass(frozen=True, eq=False)
+class Edited(Block):
+    x: Block
+
+    def design(self, fs):
+        return P(2.0), ()
+
+    @staticmethod
+    def step(p, s, x):
+        return p.gain * x + 1.0, s
+"""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("+ 1.0", "- 1.0"),
+        ("+ 1.0", "+ 3.0"),
+        ("class P", "\nclass P"),
+        ("@static", "x = 0\n\n    @static"),
+        ("p.gain", "(p.gain"),
+    ],
+)
+def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(tmp_path, monkeypatch, change):
+    """The text is read when a step is first compiled: another one would give other samples than the interpreter's."""
+    file = tmp_path / f"edited_{abs(hash(change))}.py"
+    file.write_text(EDITED)
+    monkeypatch.syspath_prepend(tmp_path)
+    scene = Scene({"y": importlib.import_module(file.stem).Edited(x)})
+    file.write_text(EDITED.replace(*change))
+    with pytest.raises(SceneError, match=r"no longer what was imported.*start Python again"):
+        stimlib.compile(scene, 1000)
+    file.write_text(EDITED)
+    stimlib.compile(scene, 1000)

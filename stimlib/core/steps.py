@@ -15,6 +15,7 @@ import dis
 import inspect
 import re
 import textwrap
+import tokenize
 import traceback
 import types
 from collections.abc import Callable, Iterator, Sequence
@@ -72,11 +73,39 @@ def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
             f"{f.__qualname__}: its source text is not available ({e}); define the block in a file or a notebook cell, "
             "not in a string given to exec or python -c"
         ) from None
+    except tokenize.TokenError:
+        text = ""
     lines = text.splitlines()
     first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)  # after the decorators
-    if first is None:
+    if first is None and code.co_name == "<lambda>":
         raise SceneError(f"{f.__qualname__}: write it with def, its text starts with {lines[0]!r}")
-    return "\n".join(lines[first:]) + "\n", code.co_firstlineno - 1 + first
+    text = "\n".join(lines[first:]) + "\n"
+    if first is None or not (code.co_freevars or _is_text_of(text, code)):  # closures are refused elsewhere
+        raise SceneError(
+            f"{f.__qualname__}: the text in {code.co_filename} is no longer what was imported, so a compiler would run another "
+            "step than the interpreter; start Python again, or reload the module"
+        )
+    return text, code.co_firstlineno - 1 + first
+
+
+def _is_text_of(text: str, code: types.CodeType) -> bool:
+    """Whether a function's text compiles to the code that it runs: its file may have been edited since it was imported."""
+    try:
+        made = compile(text, code.co_filename, "exec", dont_inherit=True).co_consts
+    except (SyntaxError, ValueError):
+        return False
+    return any(_instructions(c) == _instructions(code) for c in made if isinstance(c, types.CodeType))
+
+
+def _instructions(code: types.CodeType) -> list[tuple]:
+    """What compiled Python does, however it calls an imported name: Python compiles that otherwise where it sees the import."""
+    found: list[tuple] = [code.co_varnames]
+    for i in dis.get_instructions(code):
+        if i.opname not in ("PUSH_NULL", "NOP", "EXTENDED_ARG"):
+            what = None if i.opcode in dis.hasjrel else i.argval  # a jump's target depends on those
+            inner = _instructions(what) if isinstance(what, types.CodeType) else repr(what)
+            found.append(("LOAD_ATTR" if i.opname == "LOAD_METHOD" else i.opname, inner))
+    return found
 
 
 def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
