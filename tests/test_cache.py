@@ -98,7 +98,10 @@ def cache(wanted, tmp_path_factory):
 
 
 # Folders -------------------------------------------------------------------------------------------------------------
-LOGS = "import logging; logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')"
+LOGS = """import logging
+logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')
+logging.getLogger('numba').setLevel('INFO')  # it fills a pipe that nobody reads yet
+"""
 
 
 def test_processes_that_start_at_once_compile_each_entry_once(small, wanted, tmp_path):

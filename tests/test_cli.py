@@ -276,6 +276,7 @@ def test_odd_scenes_get_one_line(scene, says):
     assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
 
 
+@pytest.mark.filterwarnings("ignore:touch_screen. at the top of a bump")
 @pytest.mark.parametrize("make", stimlib.scenes.SHIPPED.values())
 def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
     odd = [

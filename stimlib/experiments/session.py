@@ -184,7 +184,7 @@ class Session:
         SinkError
             The disk has no room for its answer, or for the log of what is displayed; or as `put`.
         """
-        self._check_process()
+        self._check_kept()
         trial = self.design.next(self.state)
         if trial is not None:
             self.experiment.check(trial)
@@ -218,9 +218,10 @@ class Session:
             A question that is not answered, or with no answer of its kind; an answer or what was displayed is no JSON data;
             nothing is written then.
         SinkError
-            It cannot be written; or this is a copy of the process (``os.fork``) that opened the session.
+            It cannot be written; another program replaced or changed ``trials.jsonl``; or this is a copy of the process
+            (``os.fork``) that opened the session.
         """
-        self._check_process()
+        self._check_kept()
         trial = self.design.next(self.state)
         if trial is None:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
@@ -239,9 +240,20 @@ class Session:
         """What may be shown of a trial's condition."""
         return blinded(self.seed, trial.condition)
 
-    def _check_process(self) -> None:
+    def _check_kept(self) -> None:
+        """SinkError where an answer would not be kept: in a fork, or in a file that others replaced or changed."""
         if self._process not in (os.getpid(), -1):
             raise SinkError(f"process {self._process} has the session {self.folder}: only it may go on with it, no fork of it")
+        if self._file < 0:
+            return
+        path, why = self.folder / "trials.jsonl", "another program replaced or changed it"
+        try:
+            there, mine = os.stat(path), os.fstat(self._file)
+            kept = os.path.samestat(there, mine) and mine.st_size == self._size
+        except OSError as e:
+            kept, why = False, str(e.strerror)
+        if not kept:
+            raise SinkError(f"{path} is not as this session wrote it: {why}; put it back as it was, and resume the session")
 
     # The disk -----------------------------------------------------------------------------------------------------------
     def _make_room(self, trial: Trial) -> None:

@@ -107,7 +107,8 @@ def touch_screen(
     V = A * bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), contact=nonzero(A))
     V = V * carrier(Param("freq", resonance, "Hz"), rectify)
     V = equalize(x, profile, signal=V, kind=mode_fit(glass, origin, y, clamp="known"))
-    _warn_if_held(amplitude * gain * profile[1].max() / profile[1].min(), rectify, swap, glass)
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond any plate
+        _warn_if_held(amplitude * gain * profile[1].max() / profile[1].min(), rectify, swap, glass)
     V = amplifier(pole_swap(V, resonance, 1 / glass.damping, swap), gain, *glass.voltages)
     load = Finger(1e-4, 1.0, 500.0) if finger else None
     under = plate(x + constant(origin, "m"), constant(y, "m"), V, glass, modes, finger=load)
@@ -119,13 +120,13 @@ def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -
     sine, k = np.sin(2 * np.pi * np.arange(720) / 720), np.arange(361)
     lines = np.fft.rfft({None: sine, "half": np.maximum(sine, 0), "full": np.abs(sine)}[rectify])
     top, bottom = (1 - k * k + 1j * k * glass.damping * faster for faster in (1.0, swap))  # in the frequency of the mode
-    asked = peak * np.fft.irfft(lines * swap * top / bottom)
+    asked = np.clip(np.nan_to_num(peak * np.fft.irfft(lines * swap * top / bottom)), -1e30, 1e30)
     shown = np.clip(asked, *glass.voltages)
     if (shown != asked).any():
         one, other = (abs(np.fft.rfft(v)[2 if rectify == "full" else 1]) for v in (asked, shown))
         warnings.warn(
-            f"touch_screen: at the top of a bump, where the plate moves least, the drive asks for {asked.min():.0f} .. "
-            f"{asked.max():.0f} V and the patches take {glass.voltages[0]:g} .. {glass.voltages[1]:g} V: "
+            f"touch_screen: at the top of a bump, where the plate moves least, the drive asks for {asked.min():.4g} .. "
+            f"{asked.max():.4g} V and the patches take {glass.voltages[0]:g} .. {glass.voltages[1]:g} V: "
             f"{100 * np.mean(shown != asked):.0f} % of the samples there are held, and {100 * (1 - other / one):.0f} % of the "
             "vibration is lost; give a smaller amplitude, gain or swap",
             RuntimeWarning,

@@ -93,7 +93,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_pat
     mine, terminals = (read(tmp_path / d / FOLDER).records for d in ("page", "terminal"))
     assert facts(mine) == facts(terminals) and [r.answer.replays for r in mine] == [1, 0, 0, 0]
     assert mine[1].answer.values == {"rough": 6, "much": 55, "order": ["B", "A"], "where": [[1.0, 2.0], [0.5, 3.0]]}
-    assert mine[0].answer.seconds > 0
+    assert 0 <= mine[0].answer.seconds < 60  # in ms: an answer may be there at once
 
     states = [m for m in phone.told if m["is"] == "state"]
     every_field = {"is", "number", "phase", "trial", "told", "since"}
