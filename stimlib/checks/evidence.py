@@ -238,12 +238,16 @@ def noise_model(root: Block, fs: float):
 
 def live(e: Evidence, name: str) -> np.ndarray:
     """A parameter at every sample, its ramps written again as straight lines."""
-    n = e.x.shape[1]
-    y, changes = np.full(n, e.params[name]), [c for c in e.changes if c.name == name and c.at < n]
+    return ramped(e.params[name], [c for c in e.changes if c.name == name], e.fs, e.x.shape[1])
+
+
+def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.ndarray:
+    """The n samples of a parameter that begins with a value and then changes."""
+    y, changes = np.full(n, first), [c for c in changes if c.at < n]
     for k, (at, _, target, ramp) in enumerate(changes):
         end = changes[k + 1].at if k + 1 < len(changes) else n
-        share = np.minimum(np.arange(1, end - at + 1) / max(1, round(ramp * e.fs)), 1.0)
-        before = y[at - 1] if at else e.params[name]
+        share = np.minimum(np.arange(1, end - at + 1) / max(1, round(ramp * fs)), 1.0)
+        before = y[at - 1] if at else first
         y[at:end] = np.where(share < 1, before + (target - before) * share, target)
     return y
 

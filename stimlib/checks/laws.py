@@ -293,15 +293,27 @@ def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.nd
     return d.max() / curve(np.clip((before + x) / 2, knots[0], knots[-1])), float(d.max() / curve(places).min())
 
 
+def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
+    """A sinusoid at turns t, of step turns for each sample; rectified, its mean over the sample period around each sample."""
+    pi = np.longdouble(math.pi) + np.longdouble(1.2246467991473532e-16)
+    t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2
+    if rectify is None:
+        return np.sin(2 * pi * t).astype(float)
+
+    def half(t):
+        low, high = np.maximum(t - step / 2, 0), np.minimum(t + step / 2, np.longdouble(0.5))
+        inside = (t >= step / 2) & (
+            t <= 0.5 - step / 2
+        )  # the mean, set right at its frequency, is the sinusoid's own value there
+        # over an edge: the integral of sin(2 pi t) from low to high is sin(pi (low + high)) sin(pi (high - low))/pi
+        size = np.where(step > 0, np.sin(pi * step), 1)
+        part = np.sin(pi * (low + high)) * np.sin(pi * np.maximum(high - low, 0)) / size
+        return np.where(inside, np.sin(2 * pi * t), part)
+
+    return (half(t) if rectify == "half" else half(t) + half(t + 0.5 - np.floor(t + 0.75))).astype(float)
+
+
 def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:
     """Positive half wave of a sinusoid with a frequency for each sample: means over the sample period, set right at freq (Hz)."""
     step = freq.astype(np.longdouble) / np.longdouble(fs)
-    pi = np.longdouble(math.pi)
-    t = np.cumsum(step) - step
-    t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2
-    low, high = np.maximum(t - step / 2, 0), np.minimum(t + step / 2, np.longdouble(0.5))
-    inside = (t >= step / 2) & (t <= 0.5 - step / 2)  # the mean is the sinusoid's own value there
-    # over an edge: the integral of sin(2 pi t) from low to high is sin(pi (low + high)) sin(pi (high - low))/pi
-    size = np.where(step > 0, np.sin(pi * step), 1)
-    part = np.sin(pi * (low + high)) * np.sin(pi * np.maximum(high - low, 0)) / size
-    return np.where(inside, np.sin(2 * pi * t), part).astype(float)
+    return carried(np.cumsum(step) - step, step, "half")

@@ -28,6 +28,7 @@ GROUPS = {
     "c": "noise",
     "d": "force law",
     "e": "limits and gates",
+    "f": "each block, from the rows that it got",
 }
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}
 table{border-collapse:collapse;width:100%;font-size:13px}td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left}

@@ -16,6 +16,7 @@ from ..files.session import MotionFile, SessionLog
 from ..run.safety import GAIN, Watch, protect, to_device
 from ..run.walk import samples, walk
 from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps
+from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
@@ -57,7 +58,7 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     checks = [*_delivered(e, log), *linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
     if cut:
         checks += scene_law(law)
-    checks += limits_kept(e)
+    checks += [*limits_kept(e), *blocks_held(e)]
     e.skipped += log.notes
     for event in (event for event in log.events if event.kind in ("rise", "fall")):
         where = "before sample 0, from silence to it" if event.kind == "rise" else f"from sample {event.at} on, to silence"

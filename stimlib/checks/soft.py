@@ -19,6 +19,9 @@ from .evidence import Check, Evidence, live, signal
 Row = NDArray[np.float64]
 
 
+TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whether it has begun
+
+
 def table_of(b: Any) -> tuple[Row, float, float]:
     """Levels, one row for each y, width and height of the map that a block has."""
     if isinstance(b, CubicGrid):
@@ -52,21 +55,21 @@ def reversible(S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.boo
     ds, dp = np.diff([x, y]), np.diff([px, py])
     g = speed_ratio(S((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2))
     moves = on[1:] & on[:-1]
-    h = 1e-6  # in m: the steepest slope of g along each step, for beyond it there may be several middles
-    along = dp / np.maximum(np.hypot(*dp), 1e-300)
-    ends = [
-        speed_ratio(S(x[:-1] + k * dp[0] + s * h * along[0], y[:-1] + k * dp[1] + s * h * along[1]))
-        for k in (0, 0.5, 1)
-        for s in (-1, 1)
-    ]
-    steep = np.max([np.abs(b - a) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)], axis=0, initial=0.0)
-    long = moves & (np.hypot(*dp) * steep > 0.5)
+    long = moves & (np.hypot(*dp) * steepest(S, np.array([x, y])[:, :-1], dp) > 0.5)
     scale = max(float(np.abs(dp[:, moves]).max(initial=0.0)), 1e-6)
     wrong = np.abs(ds - g * dp)[:, moves & ~long].max(initial=0.0) / scale
     begin = starts(on)
     jump = max(np.abs(x - px)[begin].max(initial=0.0), np.abs(y - py)[begin].max(initial=0.0))
     still = np.abs(ds[:, ~on[1:]]).max(initial=0.0)
     return float(max(wrong, jump / scale, still / scale)), int(long.sum())
+
+
+def steepest(S: Callable, place: Row, way: Row) -> Row:
+    """The steepest slope of the ratio along each way: beyond its inverse there may be several middles."""
+    h = 1e-6  # in m
+    along = way / np.maximum(np.hypot(*way), 1e-300)
+    ends = [speed_ratio(S(*(place + k * way + s * h * along))) for k in (0, 0.5, 1) for s in (-1, 1)]
+    return np.max([np.abs(b - a) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)], axis=0, initial=0.0)
 
 
 def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: float, bounds: tuple[float, float]) -> Row:
@@ -78,7 +81,7 @@ def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: f
         if n == 0 or not on[n - 1]:
             out[:, n] = last_hand = hand[:, n]
             last, speed, due = float(S(*last_hand)), 1.0, n + frame
-        elif n > due - 0.5:
+        elif n > due - 0.5 + TIE or (n > due - 0.5 - TIE and (seen[:, n] != here).any()):
             level = float(S(*here))
             change = abs(level - last)
             if change > 1e-9:  # the levels' rounding is no step
@@ -91,14 +94,14 @@ def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: f
     return out
 
 
-def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row]:
-    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the places of the avatar (2, n) and the waits due.
+def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row, Row]:
+    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the avatar's places (2, n), the waits due, the lag.
 
     What stops it next depends on when it stopped before, so a rounding grows from stop to stop: each is held against those seen.
     """
     x, y, f = (r.tolist() for r in rows)
     n, most = len(x), b.most * fs
-    out, due = np.zeros((2, n)), np.zeros(n)
+    out, due, late = np.zeros((2, n)), np.zeros(n), np.zeros(n)
     lag = owed = low = 0.0
     here = (0.0, 0.0)
     for k in range(n):
@@ -119,25 +122,29 @@ def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b
             due[k] = asked if stops else 0.0
             owed += waits[k] * fs
             low = force if stops else min(low, force)
+            late[k] = lag / fs
         out[:, k] = here
-    return out, due
+    return out, due, late
 
 
-def delayed_by_frames(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row]:
-    """Eq. (3) to the letter; see ``delayed``."""
+def delayed_by_frames(
+    rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any, seen: Row | None = None
+) -> tuple[Row, Row, Row]:
+    """Eq. (3) to the letter; see ``delayed``.  The lag that was seen says whether a frame has begun where a rounding decides."""
     x, y, f = rows
-    out, due = np.zeros((2, x.size)), np.zeros(x.size)
-    ends, last, here = 0.0, 0.0, (0.0, 0.0)
+    out, due, late = np.zeros((2, x.size)), np.zeros(x.size), np.zeros(x.size)
+    ends, last, here, began = 0.0, 0.0, (0.0, 0.0), 0
     for k in range(x.size):
         first = on[k] and (k == 0 or not on[k - 1])
-        if first or (on[k] and k > ends - 0.5):
+        begins = seen is None or seen[k] == 0
+        if first or (on[k] and (k > ends - 0.5 + TIE or (k > ends - 0.5 - TIE and begins))):
             rise = 0.0 if first else f[k] - last
             near = abs(rise - b.notice) <= 1e-8 * (b.notice + abs(f[k]))  # either will do
             due[k] = b.per_newton * rise if (waits[k] > 0 if near else rise > b.notice) else 0.0
             ends = (k if first else max(ends, k - 0.5)) + (b.frame + waits[k]) * fs
-            last, here = f[k], (x[k], y[k])
-        out[:, k] = here
-    return out, due
+            last, here, began = f[k], (x[k], y[k]), k
+        out[:, k], late[k] = here, (k - began) / fs if on[k] else 0.0
+    return out, due, late
 
 
 def motor(waits: Row, fs: float, factor: float) -> Row:
@@ -212,7 +219,7 @@ def _waits(
     e.numbers.append(f"{tangent:g} N tangential at S = 1, {1e3 * avatar.per_newton:g} ms/N, noticed from {avatar.notice:g} N")
     law = delayed if isinstance(avatar, DelayAvatar) else delayed_by_frames
     waits = signal(e, avatar.wait)
-    places, due = law((*hand, tangent * S(*hand)), waits, on, e.fs, avatar)
+    places, due, _ = law((*hand, tangent * S(*hand)), waits, on, e.fs, avatar)
     checks = [Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")]
     if "vibration" in got:
         factor = next(b.factor for b in blocks if isinstance(b, Vibration))

@@ -128,7 +128,7 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
             continue
         s, a, tooth, area = (1.0 if d[n] >= 0 else -1.0), abs(d[n]), c[n] * (1 - left), 0.0
         if tie:
-            now = [abs(k * (v + d[n] / 2) - shown[n]) for v in (z, z + tie)]
+            now = [abs(k * (min(max(v, -c[n]), c[n]) + d[n] / 2) - shown[n]) for v in (z, z + tie)]
             z = z + tie if now[1] < now[0] else z
         z = min(max(z, -c[n]), c[n])
         start, rest, tie = z, a, 0.0

@@ -22,6 +22,7 @@ from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
 from ..run.walk import samples
 from .evidence import Check, Evidence, gather
+from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import motor_limits, scene_law
@@ -95,7 +96,8 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
     e = gather(scene_told(rendering) if scene is None else scene, told, rendering)
     if scene is None:
         e.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
-    return Report([*linear_blocks(e), *same_samples(e), *generator(e), *noise(e), *scene_law(e), *limits_kept(e)], e)
+    groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
+    return Report([check for group in groups for check in group(e)], e)
 
 
 def scene_told(path: str | os.PathLike[str]) -> Scene:

@@ -65,6 +65,7 @@ class Block(Refusals):
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
+    law: ClassVar[Callable[..., Any] | None] = None  # law(fs, rows, seen) -> row, or row and tolerance: for ``verify``
     transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1
 
     def __init_subclass__(cls, abstract: bool = False, **kw):

@@ -95,10 +95,10 @@ def test_no_text_of_others_is_read_as_markup(bumped, monkeypatch, session):
 
 def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped, text_of):
     groups = [c.group for c in bumped.checks]
-    assert {"b", "d", "e"} <= {*groups} <= {*GROUPS}
-    text = text_of(bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in ("a1", "a2", "b", "c", "d", "e")])
+    assert {"b", "d", "e", "f"} <= {*groups} <= {*GROUPS}
+    text = text_of(bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS])
     _, _, model, certainty, compared, rest = text.split("<h2>")[:6]
-    assert compared.count('<td class="ok">ok</td>') == 6 and rest.startswith("Not checked")
+    assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith("Not checked")
     told = re.findall("<li>(.*?)</li>", model)
     assert told == [*bumped.evidence.numbers, "a2 named: a2 told"] and len(told) > 1
     assert "one correct rendering in 1000000," in certainty

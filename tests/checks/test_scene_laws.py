@@ -202,7 +202,7 @@ def test_a_surface_that_is_slightly_another_is_caught(monkeypatch, owner, field)
     f = owner.design
     monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * (1 + 1e-6) + 1e-9})))
     bad = [c.name for c in report(grating(), {"x": sinusoid(0.05, 1.0)}, 0.5).checks if not c.passed]
-    assert bad == ["force: gratings and roughness of the place"]
+    assert bad == ["force: gratings and roughness of the place", owner.__name__]
 
 
 def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):

@@ -40,7 +40,7 @@ def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
     report = stimlib.verify(scene, motion, write(tmp_path / "hand.wav", scene, motion, recorded.duration, seed=3))
     assert report.passed, str(report)
     assert any("reports at" in text for text in report.evidence.skipped)
-    assert {"a1", "a2", "b", "c", "d", "e"} == {c.group for c in report.checks}
+    assert {"a1", "a2", "b", "c", "d", "e", "f"} == {c.group for c in report.checks}
 
 
 @pytest.mark.parametrize(("name", "words"), [("a.wav", {}), ("a.w64", {"subtype": "DOUBLE"}), ("a.flac", {"full_scale": 30.0})])

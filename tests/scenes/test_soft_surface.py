@@ -93,7 +93,7 @@ def test_the_laws_of_avatars_see_starts_stands_speeds_and_short_frames():
     np.testing.assert_allclose(got, seen, rtol=0, atol=1e-12)
     k, b = np.arange(40.0), SimpleNamespace(frame=0.0005, notice=0.01, per_newton=0.5)  # frames of half a sample
     rows = k, 0 * k, np.where(k < 20, 0.0, 0.02)
-    out, due = law.delayed_by_frames(rows, 0.01 * (k == 20), k >= 0, 1000.0, b)
+    out, due, _ = law.delayed_by_frames(rows, 0.01 * (k == 20), k >= 0, 1000.0, b)
     np.testing.assert_allclose(out[0], np.where((k > 20) & (k < 30), 20, k))
     np.testing.assert_allclose(due, 0.01 * (k == 20), atol=1e-15)
 

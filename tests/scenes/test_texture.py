@@ -42,7 +42,7 @@ def test_a_number_one_per_mille_off_is_caught(monkeypatch, field):
 
     monkeypatch.setattr(Texture, "design", design)
     bad = {c.group for c in report(stimlib.scenes.texture(MODEL), HAND, 8000, 0.2).checks if not c.passed}
-    assert bad == {"d"}
+    assert bad == {"d", "f"}
 
 
 def odd():
