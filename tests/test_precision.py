@@ -71,7 +71,8 @@ def test_every_recorded_table_has_a_problem_and_a_picture():
     assert {p.stem for p in RECORDED.glob("*.svg")} == {f"work_{p.name}" for p in ALL}
 
 
-def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded():
+def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
     spec = importlib.util.spec_from_file_location("bench_precision", ROOT / "benchmarks" / "work_precision.py")
     bench = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(bench)
