@@ -233,7 +233,7 @@ def test_loading_executes_nothing(edited, tmp_path):
 
 def test_a_law_travels_with_the_scene(tmp_path):
     stimlib.scenes.squeeze(fingers=1).save(tmp_path / "s.json")
-    assert load(tmp_path / "s.json").law == "squeeze"
+    assert [p.law for p in load(tmp_path / "s.json").parts] == ["squeeze"]
 
 
 # Files of others -------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import numpy as np
 from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, Segment, constant, reach
+from ..core.parts import Part
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
@@ -236,11 +237,6 @@ def noise_model(root: Block, fs: float):
     return psd, max((f[0] for f in bands if f[0] > 1), default=1.0), min((f[-1] for f in bands), default=fs / 2)
 
 
-def live(e: Evidence, name: str) -> np.ndarray:
-    """A parameter at every sample, its ramps written again as straight lines."""
-    return ramped(e.params[name], [c for c in e.changes if c.name == name], e.fs, e.x.shape[1])
-
-
 def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.ndarray:
     """The n samples of a parameter that begins with a value and then changes."""
     y, changes = np.full(n, first), [c for c in changes if c.at < n]
@@ -252,10 +248,116 @@ def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.nda
     return y
 
 
-def signal(e: Evidence, b: Block) -> np.ndarray:
-    """A signal of the scene at every sample."""
-    proc = compile(Scene({"y": b}), e.fs, seed=e.seed)
-    for name in proc.params:
-        proc.set(name, e.params[name], ramp=0.0)
-    x = np.array([e.x[e.proc.inputs.index(name)] for name in proc.inputs]).reshape(len(proc.inputs), e.x.shape[1])
-    return samples(proc, x, x.shape[1], [c for c in e.changes if c.name in proc.params])[0]
+# What a law sees -----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A part of a scene as its law sees it, in the law's own names: what was asked for, what went in, and what came out.
+
+    Of an interval of a trial these are its own samples, as they were before its window.  Where the window is 0 they are nan, and
+    nothing is compared.
+    """
+
+    e: Evidence
+    part: Part
+    given: Mapping[str, Any]
+    x: dict[str, np.ndarray]
+    y: dict[str, np.ndarray]
+    at: slice  # of all samples
+    window: np.ndarray
+    seed: int
+
+    @property
+    def fs(self) -> float:
+        """Sample rate in Hz."""
+        return self.e.fs
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.window.size
+
+    @property
+    def contact(self) -> np.ndarray:
+        """The input ``contact``; 1 where there is none."""
+        return self.x.get("contact", np.ones(self.n))
+
+    def live(self, name: str) -> np.ndarray:
+        """A parameter at every sample, its ramps written again as straight lines."""
+        name = self.part.inputs.get(name, name)
+        changes = [c for c in self.e.changes if c.name == name]
+        return ramped(self.e.params[name], changes, self.fs, self.e.x.shape[1])[self.at]
+
+    def output(self, name: str) -> str:
+        """What the scene calls an output."""
+        return self.part.outputs.get(name, name)
+
+    def title(self, name: str) -> str:
+        """An output, as a check names it."""
+        return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
+
+    def apart(self, name: str, want: np.ndarray) -> float:
+        """How far an output is from what it should be, as it was displayed."""
+        return self.far(self.y[name] - want)
+
+    def far(self, difference: np.ndarray) -> float:
+        """The largest of a difference, as it was displayed; nan where it is."""
+        return float(np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0))
+
+    def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
+        """Keep what an output should be, a row or what makes it, for pictures."""
+        if self.part.span is None:
+            self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
+
+    def near(self, name: str, want: np.ndarray, tol: float, text: str, least: float = 1e-300, group: str = "d") -> Check:
+        """An output against what it should be, in parts of its largest value, or of ``least`` where that is larger."""
+        top = max(float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)), least)
+        self.expect(name, want, tol * top)
+        return Check(group, f"{self.title(name)}: {text}", self.apart(name, want) / top, tol, "of its largest value")
+
+    def begins(self, values: Mapping[str, float]) -> Check:
+        """Parameters of the scene have the values that were asked for, where nobody sets them."""
+        found = {n: self.e.scene.params[self.part.inputs.get(n, n)].value for n in values}
+        wrong = [f"{n} = {found[n]:g} for {v:g}" for n, v in values.items() if found[n] != v]
+        title = "parameters" + (f" of {self.part.name}" if self.part.name else "")
+        return Check("d", f"{title}: as they were asked for", len(wrong), 0, ", ".join(wrong) or "numbers that differ")
+
+    def silent(self, name: str, off: np.ndarray) -> Check:
+        """An output is exactly 0 at these samples."""
+        unit = self.e.scene.outputs[self.output(name)].dim
+        return Check("e", f"{self.title(name)}: none off contact", self.far(self.y[name] * off), 0.0, str(unit))
+
+    def say(self, text: str) -> None:
+        """A line about the numbers that were asked for."""
+        self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
+
+    def render(self, block: Block, n: int | None = None) -> np.ndarray:
+        """The samples of a block that the law makes of what was asked for, on the inputs by the law's names."""
+        n = self.n if n is None else n
+        proc = compile(Scene({"y": block}), self.fs, seed=self.seed)
+        x = np.array([self.x[name][:n] for name in proc.inputs]).reshape(len(proc.inputs), n)
+        return samples(proc, x, n, [])[0]
+
+
+def asked(e: Evidence, part: Part) -> Asked:
+    """A part of a scene as its law sees it.
+
+    Raises
+    ------
+    KeyError
+        The scene has lost an input or an output that the part had.
+    """
+    at, window, n = slice(0, e.x.shape[1]), np.ones(e.x.shape[1]), e.x.shape[1]
+    if part.span:
+        start, long, ramp, _ = part.span
+        first = round(start * e.fs)
+        at = slice(min(first, n), min(first + round(long * e.fs), n))
+        t = np.arange(at.stop - at.start) / np.longdouble(e.fs)
+        inside = np.clip(np.minimum(t, long - t) / ramp if ramp else t * 0 + 1, 0, 1)
+        window = (np.sin(np.pi * inside / 2) ** 2).astype(float)
+    rows = dict(zip(e.proc.inputs, e.x, strict=True)), dict(zip(e.scene.outputs, e.y, strict=True))
+    x = {own: rows[0][name][at] for own, name in (part.inputs or {n: n for n in rows[0]}).items() if name not in e.params}
+    y = {own: rows[1][name][at] for own, name in (part.outputs or {n: n for n in rows[1]}).items()}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y = {own: np.where(window > 0, row / window, np.nan) if part.span else row for own, row in y.items()}
+    seed = e.seed if part.span is None or part.span.seed is None else part.span.seed
+    return Asked(e, part, part.given or {}, x, y, at, window, seed)

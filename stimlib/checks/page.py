@@ -107,7 +107,9 @@ def _spec(m: object) -> str:
 
 def _model(checks: list[Check], e: Evidence) -> str:
     """The law of the scene in words, its numbers, and the law of each block."""
-    said = WORDS.get(e.scene.law or "", "No law of the whole scene is known; these of its blocks are.")
+    known = {f"{p.name}: {WORDS[p.law]}" if p.name else WORDS[p.law]: None for p in e.scene.parts if p.law in WORDS}
+    own = [f"{p.name or 'The scene'}: the law {p.law}, with {dict(p.given or {})}" for p in e.scene.parts if "." in p.law]
+    said = "; ".join([*known, *own]) or "No law of the whole scene is known; these of its blocks are."
     blocks = dict.fromkeys(f"{c.name.split(':')[0]}: {c.text}" for c in checks if c.group == "a2")
     return f"<p>{_q(said)}</p>{items([*e.numbers, *blocks])}"
 

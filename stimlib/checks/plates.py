@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.polynomial import legendre
 
-from ..core.graph import Add, Block, Const, Mul, reach
-from ..errors import SceneError
 from . import laws
-from .evidence import Check, Evidence, live
+from .evidence import Asked, Check
 
 TOL = 1e-6
 
@@ -44,70 +40,42 @@ def carried(freq: np.ndarray, fs: float, rectify: str | None) -> np.ndarray:
     return np.sin(2 * np.longdouble(np.pi) * (turns - np.floor(turns))).astype(float)
 
 
-def touch_screen(e: Evidence) -> list[Check]:
+def touch_screen(a: Asked) -> list[Check]:
     """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the sum over modes."""
-    from ..blocks.bump import Bump
-    from ..blocks.carrier import Carrier
-    from ..blocks.maps import Maximum, Minimum
-    from ..blocks.plates import PoleSwap
-    from ..blocks.svf import Svf
-    from ..blocks.table import Lut
+    from ..plate.model import Plate
+    from ..plate.patch import Patch
+    from ..plate.profile import mode_fit
+    from ..plate.vibrate import LOOKED_AT, driven, series_of
 
-    root = e.scene.outputs["voltage"]
-    blocks = reach([root])
-    first: Any = {kind: next((b for b in blocks if isinstance(b, kind)), None) for kind in (Bump, Carrier, Lut, PoleSwap)}
-    envelope, carrier, table, swap = first.values()
-    if not hasattr(envelope, "waveform") or carrier.rectify == "full" or carrier.phase:
-        e.skipped.append("voltage: the law knows the named waveforms on a carrier that is whole or half")
+    g, x, fs, A = a.given, a.x["x"], a.fs, a.live("A")
+    if not isinstance(g["waveform"], str) or g["rectify"] == "full":
+        a.e.skipped.append(f"{a.title('voltage')}: the law knows the named waveforms on a carrier that is whole or half")
         return []
-    x, fs = e.x[e.proc.inputs.index("x")], e.fs
-    per_metre = next(b.value for b in reach([envelope.children[0]]) if isinstance(b, Const))
-    A = live(e, "A")
-    touching = (A != 0).astype(float)
-    v = (
-        A
-        * laws.bump_envelope(x * per_metre, touching, envelope.waveform, live(e, "duty"))
-        * carried(live(e, "freq"), fs, carrier.rectify)
-    )
-    v = v * laws.profile_gain(x, np.ones(x.size), table.knots, table.values, table.kind)[0]
-    gain = next(b.a.value for b in blocks if isinstance(b, Mul) and isinstance(b.a, Const) and b.b is swap)
-    ends: Any = [next(b.b for b in blocks if isinstance(b, kind)) for kind in (Maximum, Minimum)]
-    low, high = (b.value for b in ends)
-    v = gain * swapped(v, fs, swap.freq, swap.q, swap.gain)
-    e.numbers.append(f"resonance {swap.freq:.6g} Hz, q = {swap.q:g}, answers {swap.gain:g} times as fast")
-    e.numbers.append(f"amplifier {gain:g}, {low:g} .. {high:g} V, {int(np.sum((v < low) | (v > high)))} samples held there")
+    model = {**g["model"], "patches": [Patch(**p) for p in g["model"]["patches"]]}
+    glass = Plate(**model)
+    resonance, origin, line, q = glass.carrier(), (glass.length - g["length"]) / 2, glass.width / 2, 1 / glass.damping
+    places = g["length"] * np.linspace(0.0, 1.0, 5)  # where the thesis measures displacement
+    knots, moved = mode_fit(glass, origin, line, clamp="known")(places, np.abs(glass.shape(0, origin + places, line)))
+    shape = laws.bump_envelope(x * g["bumps"] / g["length"], (A != 0).astype(float), g["waveform"], a.live("duty"))
+    v = A * shape * carried(a.live("freq"), fs, g["rectify"])
+    v = v * laws.profile_gain(x, np.ones(x.size), knots, moved, "cubic")[0]
+    low, high = glass.voltages
+    v = g["gain"] * swapped(v, fs, resonance, q, g["swap"])
+    a.say(f"resonance {resonance:.6g} Hz, q = {q:g}, answers {g['swap']:g} times as fast")
+    a.say(f"amplifier {g['gain']:g}, {low:g} .. {high:g} V, {int(np.sum((v < low) | (v > high)))} samples held there")
     v = np.clip(v, low, high)
-    shown = dict(zip(e.scene.outputs, e.y, strict=True))
-    top = float(np.abs(v).max()) or 1.0
-    e.wanted["voltage"] = lambda: (v, TOL * top)
-    checks = [
-        Check("d", "voltage: every stage", float(np.abs(shown["voltage"] - v).max()) / top, TOL, "of its peak, written again")
-    ]
-    if any(isinstance(b, Svf) for b in reach(e.scene.outputs.values())):
-        e.skipped.append("displacement: a plate that the finger loads has no law")
+    checks = [a.begins({"freq": resonance}), a.near("voltage", v, TOL, "every stage, written again")]
+    if g["finger"]:
+        a.e.skipped.append(f"{a.title('displacement')}: a plate that the finger loads has no law")
         return checks
-    parts = _parts(e.scene.outputs["displacement"])
+    chosen, force = driven(glass, g["modes"], None)
+    w2 = glass.solved(LOOKED_AT)[0]
+    s, at = np.clip(2 * (x + origin) / glass.length - 1, -1, 1), np.full(x.size, 2 * line / glass.width - 1)
+    driving = np.where(np.isnan(a.y["voltage"]), v, a.y["voltage"])
     d = np.zeros(x.size)
-    for scale, (mode, shape) in parts:
-        origin = next(b.value for b in reach([shape.x]) if isinstance(b, Const))
-        s = np.clip(2 * (x + origin) / shape.length - 1, -1, 1)
-        at = np.full(x.size, 2 * shape.y.value / shape.width - 1)
-        d += scale * oscillated(shown["voltage"], fs, mode.freq, mode.q) * legendre.legval2d(s, at, shape.c)
-    top = float(np.abs(d).max()) or 1.0
-    e.wanted["displacement"] = lambda: (d, TOL * top)
-    e.numbers.append(f"plate: {len(parts)} modes, largest displacement {1e6 * top:.4g} um")
-    text = "sum over modes, of its peak, written again"
-    checks.append(Check("d", "displacement: the plate", float(np.abs(shown["displacement"] - d).max()) / top, TOL, text))
-    return checks
-
-
-def _parts(root: Block) -> list[tuple[float, list[Any]]]:
-    """(factor, [mode, shape]) of each part of the sum."""
-    from ..blocks.plates import Mode, Shape
-
-    if isinstance(root, Add):
-        return _parts(root.a) + _parts(root.b)
-    match root:
-        case Mul(a=Mul(a=Const(value=scale), b=Mode() as mode), b=Shape() as shape):
-            return [(scale, [mode, shape])]
-    raise SceneError("the displacement is no sum of modes times shapes")
+    for k in chosen:
+        series, top = series_of(glass, k)
+        scale = force[k] * top / w2[k]
+        d += scale * oscillated(driving, fs, np.sqrt(w2[k]) / (2 * np.pi), q) * legendre.legval2d(s, at, series)
+    a.say(f"plate: {len(chosen)} modes, largest displacement {1e6 * np.abs(d).max():.4g} um")
+    return [*checks, a.near("displacement", d, TOL, "sum over the plate's modes, written again")]

@@ -1,7 +1,12 @@
-"""The physical laws of whole scenes, each held against what was rendered: ``SCENES`` by the name that a scene carries."""
+"""The physical laws of whole scenes, each computed from the motion, the live parameters and what the scene was asked for.
+
+``SCENES`` has them by the name that a scene carries.  None of them looks into the graph under test: a number that a scene's
+function got wrong is then seen.  Where a law needs a noise, or a wait that a rounding decides, it makes the block of its own.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -9,306 +14,299 @@ from typing import Any
 import numpy as np
 
 from ..analysis import spectra
-from ..core.graph import Block, Const, Div, Mul, Param, as_block, reach
-from ..errors import SceneError
-from ..run.processor import compile
-from ..run.walk import samples
+from ..core.graph import Const, Input
+from ..core.parts import OWN
+from ..errors import BadValue, SceneError
 from . import laws, soft, surfaces, touch
-from .evidence import Check, Evidence, Tap, live, signal
+from .evidence import Asked, Check, Evidence, asked, noise_model
 from .plates import touch_screen
 
 TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
+OWN_TOL = 1e-9  # of the largest value, where a law of a user's own states none
+STARTS = {"bumps": {"A": "amplitude"}, "touch_screen": {"A": "amplitude"}}
+"""Arguments that set a parameter of another name."""
 
 
 def scene_law(e: Evidence) -> list[Check]:
-    if e.scene.law is None:
-        e.skipped.append("no physical law of the whole scene is known")
-        return []
-    law = SCENES.get(e.scene.law)
-    if law is None:
-        e.skipped.append(f"the law {e.scene.law!r} is not known to this version")
-        return []
-    try:
-        return law(e)
-    except (KeyError, StopIteration, SceneError) as error:
-        return [
-            Check("d", "shape of the scene", 1, 0, f"not what the law {e.scene.law!r} is for ({error or type(error).__name__})")
-        ]
-
-
-def _squeeze(e: Evidence) -> list[Check]:
-    """F = k x + A (k tau v)(tau dp/dt) g per finger, everything but the noise computed from scratch."""
-    from ..blocks.gate import Loading
-
+    """The checks of all laws that the scene's parts have."""
+    if not e.scene.parts:
+        e.skipped.append("no law of the whole scene is known")
     checks = []
-    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
-    contact = rows.get("contact", np.ones(e.x.shape[1]))
-    k, A = live(e, "k"), live(e, "A") * live(e, "level")
-    quiet = compile(e.scene, e.fs, seed=e.seed)
-    for name, value in (e.params | {"A": 0.0}).items():
-        quiet.set(name, value, ramp=0.0)
-    mean = samples(quiet, e.x, e.x.shape[1], [c for c in e.changes if c.name != "A"])
-    for i, (name, root) in enumerate(e.scene.outputs.items()):
-        if not name.startswith("force"):
-            e.skipped.append(f"{name}: no law of it is known")
-            continue
-        tap = next((t for t in e.taps if t.output == name), None)
-        if tap is None or tap.model is None:
-            raise SceneError(f"{name}: a squeeze scene without gated noise")
-        x = rows[name.replace("force", "x")]
-        gate = next(b for b in reach([root]) if isinstance(b, Loading))
-        cutoff = gate.v.cutoff  # type: ignore[attr-defined]
-        on, off = gate.on, gate.off
-        if on is None or off is None:
-            on, off = laws.gate_thresholds(gate.resolution, cutoff, e.fs)
-        finger = laws.squeeze_finger(x, tap.gated, contact, e.fs, k, A, cutoff, on, off)
-        e.fingers[name] = finger
-        want, quiet_want = held(root, finger.force, e.y[i], e), held(root, finger.mean, mean[i], e)
-        acted = bool((want != finger.force).any())
-        slack = 2.0**-50 * getattr(root, "tau", 0.0) * e.fs * acted  # a mean over tau, by two recursions
-        limits = f", held to {' and '.join(_limits(root))}" if _limits(root) else ""
-        e.numbers.append(f"{name}: velocity through {cutoff:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s{limits}")
-        scale = max(np.abs(finger.force).max(), 1e-300)
-        steps = max((c.ramp * e.fs for c in e.changes if c.name == "k"), default=0.0)  # of a ramp: each is rounded
-        apart = float(np.abs(mean[i] - quiet_want).max() / scale)
-        checks.append(Check("d", f"{name}: mean part is k x", apart, 1e-14 + 2.0**-52 * steps + slack, "A = 0, relative"))
-        noise = np.abs(finger.force - finger.mean).max()
-        error = np.abs(e.y[i] - want).max()
-        limit = 1e-9 + (4e-16 + slack) * scale / noise if noise > 0 else 1e-14 + slack
-        checks.append(
-            Check("d", f"{name}: vibration law", float(error / (noise or scale)), float(limit), "A k tau v tau dp/dt, relative")
-        )
-        wrong = int(np.sum((finger.gate != tap.gate) & (A != 0)))
-        checks.append(Check("e", f"{name}: gate timing", wrong, 0, "samples where the gate differs"))
-        if acted:
-            e.skipped.append(f"{name}: it was limited, so the force over position has no one slope")
-        elif np.ptp(k) > 0:
-            e.skipped.append(f"{name}: k was changed, so the force over position has no one slope")
+    for part in e.scene.parts:
+        called = f"{part.name}: the law" if part.name else "the law"
+        law = SCENES.get(part.law, own_law if part.law in OWN else None)
+        if law is None:
+            where = "import what defines it first" if "." in part.law else "update stimlib"
+            e.skipped.append(f"{called} {part.law!r} is not known here: {where}")
+        elif part.given is None:
+            e.skipped.append(f"{called} {part.law!r} needs what the scene was asked for, which was not kept before stimlib 0.2")
         else:
-            checks += _slope(name, x, e, i, float(k[0]), A * float(k[0]) * finger.v / 8000**2, tap)
+            checks += _checks_of(e, part, law)
     return checks
 
 
-def held(root: Block, want: np.ndarray, y: np.ndarray, e: Evidence) -> np.ndarray:
-    """What the limits on an output make of a law; the gain of the static one follows from the output's own past."""
+def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
+    try:
+        a = asked(e, part)
+        if not a.n:
+            e.skipped.append(f"{part.name or part.law}: none of its interval was displayed")
+            return []
+        known = dict.fromkeys(part.inputs or e.scene.params)
+        named = {n: STARTS.get(part.law, {}).get(n, n) for n in known}
+        begins = {n: a.given[key] for n, key in named.items() if key in a.given and part.inputs.get(n, n) in e.scene.params}
+        return [*([a.begins(begins)] if begins else []), *law(a)]
+    except (KeyError, TypeError, ValueError, SceneError, BadValue) as error:
+        if part.law in OWN:
+            raise BadValue(f"the law {part.law} raises {type(error).__name__}: {error}") from error
+        why = f"not what the law {part.law!r} is for ({error or type(error).__name__})"
+        return [Check("d", f"{part.name}: shape of the scene" if part.name else "shape of the scene", 1, 0, why)]
+
+
+def own_law(a: Asked) -> list[Check]:
+    """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
+    p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
+    wanted = OWN[a.part.law][0](dict(a.x), p, a.fs, **a.given)
+    if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
+        got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
+        raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
+    checks = []
+    for name, made in wanted.items():
+        given_row, stated = made if isinstance(made, tuple) else (made, None)
+        row = np.asarray(given_row, float)
+        if row.shape != a.y[name].shape:
+            raise BadValue(f"{name} has the shape {row.shape}; return {a.n} samples")
+        top = float(np.abs(row).max(initial=0.0)) or 1e-300
+        tol = OWN_TOL * top if stated is None else float(stated)
+        a.expect(name, row, tol)
+        checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol, "the law that came with the scene"))
+    return checks
+
+
+# The papers' -------------------------------------------------------------------------------------------------------------
+PEAK, STATIC, TAU = 100.0, 37.0, 10.0
+"""What the motors of the UGrip paper bear, in N (section 2.1), and the time over which a static force counts, in s."""
+
+
+def _squeeze(a: Asked) -> list[Check]:
+    """F = k x + A (k tau v)(tau dp/dt) g for each finger, from motion, numbers and seed."""
+    from scipy.interpolate import PchipInterpolator
+
+    from ..blocks import differentiator, pink_noise
+    from ..blocks.actuator import PLACEHOLDER_GAMMA
+
+    checks, g, k, A = [], a.given, a.live("k"), a.live("A") * a.live("level")
+    on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
+    for i in range(1, g["fingers"] + 1):
+        name, x = f"force{i}", a.x[f"x{i}"]
+        still = laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, k, A, g["cutoff"], on, off)
+        runs, noise = still.gate & (A != 0), np.zeros(a.n)
+        pink = pink_noise(1 / math.pi, g["seed"], stream=i, f_low=g["f_low"], tol_db=g["tol_db"])
+        source = differentiator(pink, passband=g["passband"], stopband=g["passband"] + 500.0)
+        noise[runs] = a.render(source, int(runs.sum()))  # on a clock of its own
+        finger = laws.squeeze_finger(x, noise, a.contact, a.fs, k, A, g["cutoff"], on, off)
+        if a.part.span is None:
+            a.e.fingers[a.output(name)] = finger
+        want = _held(finger.force, a.y[name], a.fs) if g["limits"] else finger.force
+        acted = bool((want != finger.force).any())
+        slack = 2.0**-50 * TAU * a.fs * acted  # a mean over tau, by two recursions
+        a.say(
+            f"{a.title(name)}: velocity through {g['cutoff']:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s"
+            f"{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
+        )
+        scale = max(np.abs(finger.force).max(), 1e-300)
+        quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
+        steps = max((c.ramp * a.fs for c in a.e.changes if c.name == a.part.inputs.get("k", "k")), default=0.0)  # each is rounded
+        limit = 1e-14 + 2.0**-52 * steps + slack
+        checks.append(Check("d", f"{a.title(name)}: mean part is k x", quiet, limit, "where the gate is closed, relative"))
+        vibration = np.abs(finger.force - finger.mean).max()
+        limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
+        error = a.apart(name, want) / (vibration or scale)
+        checks.append(Check("d", f"{a.title(name)}: vibration law", error, float(limit), "A k tau v tau dp/dt, relative"))
+        if g["motor_constant"] is not None:
+            gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(np.clip(x, PLACEHOLDER_GAMMA.x[0], PLACEHOLDER_GAMMA.x[-1]))
+            checks.append(a.near(f"current{i}", want / (g["motor_constant"] * gamma), 1e-8, "I = F/(n B Gamma)", 1e-12))
+        if acted:
+            a.e.skipped.append(f"{a.title(name)}: it was limited, so the force over position has no one slope")
+        elif np.ptp(k) > 0:
+            a.e.skipped.append(f"{a.title(name)}: k was changed, so the force over position has no one slope")
+        elif a.part.span is None:
+            model = noise_model(source, a.fs)
+            checks += _slope(a, name, x, float(k[0]), A * float(k[0]) * finger.v / 8000**2, noise, runs, model and model[0])
+    return checks
+
+
+def _held(force: np.ndarray, y: np.ndarray, fs: float) -> np.ndarray:
+    """What the motors' limits make of a force; the gain of the static one follows from the output's own past."""
     from scipy.signal import lfilter
 
-    from ..blocks.actuator import ForceLimit, StaticLimit
-
-    if isinstance(root, StaticLimit):
-        a, most = -np.expm1(-1 / (root.tau * e.fs)), root.limit**2
-        mean = np.r_[0.0, lfilter([a], [1, a - 1], y**2)[:-1]]
-        return np.minimum(1.0, (most - mean) / (0.19 * most)) * held(root.x, want, y, e)
-    if isinstance(root, ForceLimit) and isinstance(root.peak, Const):
-        return np.clip(held(root.x, want, y, e), -root.peak.value, root.peak.value)
-    return want
+    force = np.clip(force, -PEAK, PEAK)
+    r, most = -np.expm1(-1 / (TAU * fs)), STATIC**2
+    mean = np.r_[0.0, lfilter([r], [1, r - 1], np.where(np.isnan(y), force, y) ** 2)[:-1]]
+    return np.minimum(1.0, (most - mean) / (0.19 * most)) * force
 
 
-def _limits(root: Block) -> list[str]:
-    from ..blocks.actuator import ForceLimit, StaticLimit
-
-    if isinstance(root, StaticLimit):
-        return [*_limits(root.x), f"{root.limit:g} N static"]
-    return [f"{root.peak.value:g} N peak"] if isinstance(root, ForceLimit) and isinstance(root.peak, Const) else []
-
-
-def _slope(name: str, x: np.ndarray, e: Evidence, i: int, k: float, gain: np.ndarray, tap: Tap) -> list[Check]:
+def _slope(
+    a: Asked, name: str, x: np.ndarray, k: float, gain: np.ndarray, noise: np.ndarray, gate: np.ndarray, model: Any
+) -> list[Check]:
     """Stiffness recovered from delivered force over position, where it cannot have been clipped.
 
     What the noise adds to the slope is a weighted sum of a process whose spectrum is known, so its deviation is too.
     """
     from scipy import stats
 
+    e, i = a.e, list(a.e.scene.outputs).index(a.output(name))
     y, whole, step = e.shown[i], np.ones(x.size, bool), 2.0**-52 * np.abs(e.y[i])
     if e.sidecar is not None:
         top = e.sidecar["channels"][i]["full_scale"]
         if e.sidecar["subtype"] == "FLOAT":
             step = 2.0**-23 * np.abs(e.y[i])
         elif e.sidecar["subtype"] == "PCM_24":
-            whole = np.abs(k * x) + np.abs(gain * tap.gated).max(initial=0.0) < (1 - 2.0**-22) * top
+            whole = np.abs(k * x) + np.abs(gain * noise).max(initial=0.0) < (1 - 2.0**-22) * top
             step = np.full(x.size, 2.0**-23 * top)
     u = (x - x[whole].mean() if whole.any() else x) * whole
     u = (u - u[whole].mean() if whole.any() else u) * whole  # of a held hand the first mean is a rounding away
     power = float(u @ u)
     lost = float(np.abs(u) @ step) / power if power > 0 else np.inf
     if lost > 1e-3 * abs(k):
-        e.skipped.append(f"{name}: the position hardly changes, so no slope can be fitted")
+        e.skipped.append(f"{a.title(name)}: the position hardly changes, so no slope can be fitted")
         return []
     slope = float(u @ (y - y[whole].mean())) / power
-    weights = (u * gain)[tap.gate]
+    weights = (u * gain)[gate]
     n = 1 << max(12, weights.size.bit_length())
     f = np.fft.rfftfreq(n, 1 / e.fs)
-    assert tap.model is not None
-    density = tap.model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
+    density = model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
     deviation = float(np.sqrt(e.fs / n * density.sum())) / power
     sigmas = float(stats.norm.isf(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
     limit = sigmas * deviation + lost + 1e-12 * abs(k)
-    return [Check("d", f"{name}: slope of force over position", abs(slope - k), limit, text, deviation)]
+    return [Check("d", f"{a.title(name)}: slope of force over position", abs(slope - k), limit, text, deviation)]
 
 
-def _viscoelastic(e: Evidence) -> list[Check]:
+def _viscoelastic(a: Asked) -> list[Check]:
     """The springpot's force at some samples against the full sum over the history, in extended precision."""
-    from ..blocks.fractional import Springpot, SpringpotLive
-    from ..blocks.thesis import Downsampled, ShortMemory
+    from ..blocks import springpot
 
-    kinds = (Springpot, SpringpotLive, Downsampled, ShortMemory)
-    spring = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, kinds))
-    if not isinstance(spring, (Springpot, SpringpotLive)):
-        e.skipped.append("force: only the full sum's own schemes, gl and l1, have a law")
-        return []
-    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
-    y, n = rows["y"], e.x.shape[1]
-    touching = rows.get("contact", np.ones(n)) > 0
-    alpha = signal(e, as_block(spring.order) if isinstance(spring, Springpot) else spring.alpha)
-    chi = _gain(e.scene.outputs["force"], spring)
-    gain = live(e, "firmness") * chi
-    at_1_hz = chi * (2 * np.pi) ** alpha[0]
-    e.numbers.append(f"chi = {chi:.6g}, alpha = {alpha[0]:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for firmness 1")
+    g, y, n, touching = a.given, a.x["y"], a.n, a.contact > 0
+    chi = g["chi_0"] / g["w"] ** g["alpha"]
+    gain = a.live("firmness") * chi
+    at_1_hz = chi * (2 * np.pi) ** g["alpha"]
+    a.say(f"chi = {chi:.6g}, alpha = {g['alpha']:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for firmness 1")
+    contact = Input("contact") if "contact" in a.x else None
+    horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
+    block = springpot(Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact)
+    same = a.near("force", a.live("firmness") * a.render(block), 1e-12, "springpot of these numbers")
+    name, silent = a.title("force"), a.silent("force", ~touching)
+    if g["scheme"] not in ("gl", "l1"):
+        a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
+        return [same, silent]
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
-    worst = 0.0
-    for a, b in zip(starts, stops, strict=True):
-        at = np.unique(np.linspace(0, b - a - 1, max(2, round(64 * (b - a) / n))).astype(int))
-        force, size = laws.springpot_sum(y[a:b], e.fs, spring.scheme, alpha[a:b], at)
-        g = gain[a:b][at]
-        bound = np.abs(g) * (spring.tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(g) * np.abs(force)
-        worst = max(worst, float(np.max(np.abs(e.y[0, a:b][at] - g * force) / np.maximum(bound, 1e-300))))
-    if np.ptp(alpha) == 0:
+    order, over, tol = np.full(n, g["alpha"]), np.zeros(n), g["tol"]
+    for i, j in zip(starts, stops, strict=True):
+        at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
+        force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
+        k = gain[i:j][at]
+        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(k) * np.abs(force)
+        over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
 
-        def everywhere() -> tuple[np.ndarray, float]:
-            want, bounds = np.zeros(n), [0.0]
-            for a, b in zip(starts, stops, strict=True):
-                want[a:b], size = laws.springpot_convolution(y[a:b], e.fs, spring.scheme, float(alpha[0]))
-                bounds.append(float(np.max(np.abs(gain[a:b]) * (spring.tol + 1e-13) * size.max())))
-            return gain * want, max(bounds)
+    def everywhere() -> np.ndarray:
+        want = np.zeros(n)
+        for i, j in zip(starts, stops, strict=True):
+            want[i:j] = laws.springpot_convolution(y[i:j], a.fs, g["scheme"], g["alpha"])[0]
+        return gain * want
 
-        e.wanted["force"] = everywhere
-    text = f"tol = {spring.tol:g}, alpha = {alpha.min():g} .. {alpha.max():g}, {spring.scheme}: error over its certificate"
-    lost = float(np.abs(e.y[0, ~touching]).max(initial=0.0))
-    return [
-        Check("d", "force: full sum over the history", worst, 1.0, text),
-        Check("e", "force: none off contact", lost, 0.0, "N"),
-    ]
+    # the sum of the absolute values of its terms is at most that over all steps of the position
+    most = float(2 * a.fs ** g["alpha"] * np.abs(np.diff(y, prepend=0.0)).sum())
+    a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
+    text = f"tol = {tol:g}, alpha = {g['alpha']:g}, {g['scheme']}: error over its certificate"
+    return [same, Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text), silent]
 
 
-def _gain(root: Block, spring: Block) -> float:
-    """Product of the plain numbers on the way to the springpot."""
-    inner = {id(b) for b in reach([spring])}
-    return float(np.prod([b.value for b in reach([root]) if isinstance(b, Const) and id(b) not in inner]))
-
-
-def _factor_of(name: str, blocks: list[Block]) -> float:
-    """The plain number that a parameter is multiplied with."""
-    for b in blocks:
-        if isinstance(b, Mul) and isinstance(b.a, Const) and isinstance(b.b, Param) and b.b.name == name:
-            return b.a.value
-    raise SceneError(f"no plain number is multiplied with the parameter {name!r}")
-
-
-def _bumps(e: Evidence) -> list[Check]:
+def _bumps(a: Asked) -> list[Check]:
     """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model.
 
     Equalised, it is that times d_max/d between the last two places; limited, it is scaled, or clipped, or both.
     """
     from ..analysis import am
-    from ..blocks.bump import Bump
-    from ..blocks.carrier import Carrier
-    from ..blocks.maps import Maximum, Minimum
-    from ..blocks.table import Lut, Polynomial
 
-    blocks = reach(e.scene.outputs.values())
-    envelope: Any = next(b for b in blocks if isinstance(b, Bump))
-    if not hasattr(envelope, "waveform"):
-        e.skipped.append("voltage: the law knows the named waveforms, not tables")
+    g, n, name = a.given, a.n, a.title("voltage")
+    if not isinstance(g["waveform"], str):
+        a.e.skipped.append(f"{name}: the law knows the named waveforms, not tables")
         return []
-    carrier = next(b for b in blocks if isinstance(b, Carrier))
-    constants = [b.value for b in reach([envelope.children[0]]) if isinstance(b, Const)]
-    per_metre = constants[0]
-    gain = _factor_of("A", blocks)
-    if carrier.rectify != "half" or carrier.phase or envelope.sampling != "area":
-        e.skipped.append("voltage: the law covers area-sampled waves on a half-wave carrier that starts at phase 0")
+    if g["rectify"] != "half" or g["phase"] or g["sampling"] != "area":
+        a.e.skipped.append(f"{name}: the law covers area-sampled waves on a half-wave carrier that starts at phase 0")
         return []
-    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
-    n = e.x.shape[1]
-    A, duty, freq = (live(e, name) for name in ("A", "duty", "freq"))
-    contact = rows.get("contact", np.ones(n)) * (A != 0)
-    u = rows["x"] * per_metre
-    shape = laws.bump_envelope(u, contact, envelope.waveform, duty)
-    wave = laws.carrier_half(freq, e.fs)
-    e.curves |= {"envelope": shape, "carrier": wave}
-    edges = np.flatnonzero(np.diff(np.floor(u))) + 1
-    whole_bumps = ((a, b) for a, b in pairwise(edges) if np.ptp(u[a:b]) > 0.9)
-    e.closeup = slice(*next(whole_bumps, (0, n)))
+    A, duty, freq, gain = a.live("A"), a.live("duty"), a.live("freq"), g["gain"]
+    contact, u = a.contact * (A != 0), a.x["x"] * g["bumps"] / g["length"]
+    shape, wave = laws.bump_envelope(u, contact, g["waveform"], duty), laws.carrier_half(freq, a.fs)
+    if a.part.span is None:
+        a.e.curves |= {"envelope": shape, "carrier": wave}
+        edges = np.flatnonzero(np.diff(np.floor(u))) + 1
+        whole_bumps = ((i, j) for i, j in pairwise(edges) if np.ptp(u[i:j]) > 0.9)
+        a.e.closeup = slice(*next(whole_bumps, (0, n)))
     want, highest = gain * A * shape * wave, gain * np.abs(A)
-    e.numbers.append(f"amplifier {gain:g}, wavelength {1000 / per_metre:.4g} mm, {envelope.waveform}")
-    table: Any = next((b for b in blocks if isinstance(b, (Lut, Polynomial))), None)
-    if table is not None:
-        kind = getattr(table, "kind", "polynomial")
-        factor, most = laws.profile_gain(rows["x"], contact, table.knots, table.values, kind)
+    a.say(f"amplifier {gain:g}, wavelength {1000 * g['length'] / g['bumps']:.4g} mm, {g['waveform']}")
+    if g["displacement"] is not None:
+        knots, d = np.array(g["displacement"])
+        kind = "polynomial" if knots.size <= 6 else "cubic"
+        factor, most = laws.profile_gain(a.x["x"], contact, knots, d, kind)
         want, highest = want * factor, highest * most
-        e.numbers.append(f"equalised by {len(table.knots)} measured places ({kind}), at most {most:.4g} times")
-    root = e.scene.outputs["voltage"]
-    if isinstance(root, Minimum) and isinstance(root.b, Const):
-        limit = root.b.value
-        if any(isinstance(b, Div) and isinstance(b.b, Maximum) for b in blocks):
+        a.say(f"equalised by {len(knots)} measured places ({kind}), at most {most:.4g} times")
+    if g["limit"] is not None:
+        limit = g["limit"]
+        if g["headroom"] == "scale":
             want = want * (limit / np.maximum(limit, highest))
-        e.numbers.append(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
+        a.say(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
         want = np.clip(want, -limit, limit)
     top = float(highest.max()) or 1.0
-    e.wanted["voltage"] = lambda: (want, 1e-6 * top)
-    error = float(np.abs(e.y[0] - want).max() / top)
-    checks = [Check("d", "voltage: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
-    checks.append(Check("e", "voltage: none off contact", float(np.abs(e.y[0, contact <= 0]).max(initial=0.0)), 0.0, "V"))
-    speed, steady = np.diff(u) * e.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and isinstance(root, Mul) and table is None
-    if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and contact.all() and abs(u[-1] - u[0]) >= 1:
+    a.expect("voltage", want, 1e-6 * top)
+    error = a.apart("voltage", want) / top
+    checks = [Check("d", f"{name}: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
+    checks.append(a.silent("voltage", contact <= 0))
+    speed, still = np.diff(u) * a.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all()
+    steady = still and g["limit"] is None and g["displacement"] is None and contact.all()
+    if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and abs(u[-1] - u[0]) >= 1:
         whole = int(abs(u[-1] - u[0]))
-        y = e.y[0, 1 : 1 + round(whole / abs(speed[0]) * e.fs)] / top
-        model = am.sampled_rms(envelope.waveform, duty[0], 1.0, abs(speed[0]), freq[0], e.fs)
-        limit = 0.005 + am.meeting(envelope.waveform, duty[0], abs(speed[0]), freq[0], e.fs, whole / abs(speed[0]))
+        y = a.y["voltage"][1 : 1 + round(whole / abs(speed[0]) * a.fs)] / top
+        model = am.sampled_rms(g["waveform"], duty[0], 1.0, abs(speed[0]), freq[0], a.fs)
+        limit = 0.005 + am.meeting(g["waveform"], duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0]))
         if limit > 0.2:
-            e.skipped.append("voltage: rms of the line spectrum: bumps and carrier meet, so it depends on their phases")
+            a.e.skipped.append(f"{name}: rms of the line spectrum: bumps and carrier meet, so it depends on their phases")
         else:
             text = f"{whole} bumps at {abs(speed[0]):.3g}/s; lines that meet may add the rest"
             rms = float(np.sqrt(np.mean(y**2)))
-            checks.append(Check("d", "voltage: rms of the line spectrum", abs(rms / model - 1), limit, text))
+            checks.append(Check("d", f"{name}: rms of the line spectrum", abs(rms / model - 1), limit, text))
     return checks
 
 
-def _texture(e: Evidence) -> list[Check]:
+def _texture(a: Asked) -> list[Check]:
     """The acceleration of a measured texture, written again; where speed and force stand still, also its spectrum."""
-    from ..blocks.noise import White
-    from ..blocks.texture import Texture
+    from ..design.texture import TextureModel
 
-    block: Any = next(b for b in reach(e.scene.outputs.values()) if isinstance(b, Texture))
-    model, white, n = block.model, block.white, e.x.shape[1]
-    if not isinstance(white, White) or block.autonomous:
-        e.skipped.append("acceleration: the law covers a moving tool, and the library's noise")
-        return []
-    every = round(e.fs / model.rate)
-    speed, force = signal(e, block.speed), signal(e, block.force)
-    want = live(e, "level") * laws.texture(model, speed, force, laws.white(e.seed, *white.noise_key, 0, n), every)
-    top = float(np.abs(want).max()) or 1.0
-    e.wanted["acceleration"] = lambda: (want, TEXTURE * top)
-    e.numbers.append(f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at {model.rate:g} Hz")
-    error = float(np.abs(e.y[0] - want).max() / top)
-    checks = [Check("d", "acceleration: the models' recursion", error, TEXTURE, "triangles, polynomials, sinc, written again")]
+    g, n, name = a.given, a.n, a.title("acceleration")
+    model = TextureModel(**g["model"])
+    every = round(a.fs / model.rate)
+    speed = laws.squeeze_finger(a.x["x"], np.zeros(n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v
+    force = a.x["force"] * a.contact
+    want = a.live("level") * laws.texture(model, speed, force, laws.white(a.seed, g["seed"], 0, 0, n), every)
+    a.say(f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at {model.rate:g} Hz")
+    checks = [a.near("acceleration", want, TEXTURE, "the models' recursion, written again")]
     steady = slice(n // 4 // every * every, None, every)
     v, N = abs(speed[steady]), force[steady]
-    if np.ptp(v) > 1e-3 * v.mean() or np.ptp(N) > 1e-3 * N.mean() or np.ptp(live(e, "level")) or not want[steady].any():
-        e.skipped.append("acceleration: speed and force move, so it has no one spectrum")
+    flat = (a.window == 1).all() and not np.ptp(a.live("level"))
+    if np.ptp(v) > 1e-3 * v.mean() or np.ptp(N) > 1e-3 * N.mean() or not flat or not want[steady].any():
+        a.e.skipped.append(f"{name}: speed and force move, so it has no one spectrum")
         return checks
-    gain = live(e, "level")[0]
+    gain = a.live("level")[0]
 
     def psd(f):
         return gain**2 * model.psd(f, v.mean(), N.mean())
 
-    s = spectra.test_spectrum(e.y[0, steady], model.rate, psd, 5.0, 0.49 * model.rate)
+    s = spectra.test_spectrum(a.y["acceleration"][steady], model.rate, psd, 5.0, 0.49 * model.rate)
     if s is not None:
         text = f"{s.level_db:+.3f} dB over {N.size / model.rate:.3g} s"
-        checks.append(
-            Check("c", f"acceleration: spectrum, {len(s.bands)} bands", -np.log10(max(s.p, 1e-300)), -np.log10(e.share), text)
-        )
+        p, share = -np.log10(max(s.p, 1e-300)), -np.log10(a.e.share)
+        checks.append(Check("c", f"{name}: spectrum, {len(s.bands)} bands", p, share, text))
     return checks
 
 
@@ -340,7 +338,8 @@ WORDS = {
     "chapters 2 to 4)",
 }
 """Each law for a reader who has the paper beside it."""
-SCENES: dict[str, Callable[[Evidence], list[Check]]] = {
+Law = Callable[[Asked], list[Check]]
+SCENES: dict[str, Law] = {
     "squeeze": _squeeze,
     "viscoelastic": _viscoelastic,
     "bumps": _bumps,

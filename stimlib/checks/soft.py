@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.avatar import DelayAvatar, FrameAvatar, Vibration
-from ..blocks.cursor import Cursor, CursorFrames
 from ..blocks.grid import CubicGrid
-from ..core.graph import Const, reach
-from ..errors import SceneError
-from .evidence import Check, Evidence, live, signal
+from ..core.graph import Input, constant
+from .evidence import Asked, Check
 
 Row = NDArray[np.float64]
 
 
+SOFTEST, HARDEST, DEEPEST = 400.0, 1200.0, 0.015
+"""What ``soft_surface`` gives way, in N/m at the levels 0 and 1, and in m at most."""
+FRAME, SPEEDS = 0.03, (0.05, 2.0)
+"""Of eq. (1) to the letter: a frame in s, and between which speeds the cursor is held."""
 TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whether it has begun
 
 
@@ -157,94 +158,75 @@ def motor(waits: Row, fs: float, factor: float) -> Row:
     return out
 
 
-def soft_surface(e: Evidence) -> list[Check]:
-    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and the numbers in the graph."""
-    blocks = reach(e.scene.outputs.values())
-    rows = {name: e.x[k] for k, name in enumerate(e.proc.inputs)}
-    got = dict(zip(e.scene.outputs, e.y, strict=True))
-    hand, pen = np.array([rows["x"], rows["y"]]), "press" in rows
-    on = rows["contact"] > 0 if "contact" in rows else rows["press"] > 0 if pen else np.ones(e.x.shape[1], bool)
-    table, width, height = table_of(next(b for b in blocks if isinstance(b, (CubicGrid, Cursor, CursorFrames))))
-    e.numbers.append(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
+def soft_surface(a: Asked) -> list[Check]:
+    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and what was asked for."""
+    g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
+    on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
+    table, (width, height) = np.array(g["S"][0]), g["S"][1:]
+    a.say(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
     S = levels(table, width, height)
-    force = np.where(on, 0.1008 * np.exp(4.2081 * np.minimum(rows["press"], 1.0)) if pen else live(e, "push"), 0.0)
-    checks = [_near(e, "force", got["force"], force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
-    checks += _triangle(e, got, hand) if "x3" in got else _avatar(e, got, blocks, S, hand, on)
+    force = np.where(on, 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push"), 0.0)
+    several = g["mode"] == "multipoint"
+    checks = [a.near("force", force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
+    checks += _triangle(a, hand) if several else _avatar(a, S, hand, on)
     for i in range(1, 4):
-        if f"depth{i}" in got:
-            softest, hardest, deepest = _springs(e.scene.outputs[f"depth{i}"])
-            k = softest + (hardest - softest) * S(got[f"x{i}"], got[f"y{i}"])
-            want = np.minimum(force / (3 if "x3" in got else 1) / k, deepest)
-            checks.append(_near(e, f"depth{i}", got[f"depth{i}"], want, 1e-10, f"f/k, {softest:g} to {hardest:g} N/m"))
+        if f"depth{i}" in a.y:
+            k = SOFTEST + (HARDEST - SOFTEST) * S(a.y[f"x{i}"], a.y[f"y{i}"])
+            want = np.minimum(force / (3 if several else 1) / k, DEEPEST)
+            checks.append(a.near(f"depth{i}", want, 1e-10, f"f/k, {SOFTEST:g} to {HARDEST:g} N/m"))
     return checks
 
 
-def _triangle(e: Evidence, got: dict[str, Row], hand: Row) -> list[Check]:
-    """Three places around the hand, as far from it as the first is at its farthest."""
-    arm = float(np.hypot(got["x1"] - hand[0], got["y1"] - hand[1]).max())
-    e.numbers.append(f"triangle of {1e3 * arm * math.sqrt(3):.4g} mm")
+def _triangle(a: Asked, hand: Row) -> list[Check]:
+    """Three places around the hand."""
+    arm = a.given["side"] / math.sqrt(3)
+    a.say(f"triangle of {1e3 * a.given['side']:.4g} mm")
     checks = []
     for i in range(3):
-        a = math.pi / 2 + 2 * math.pi * i / 3
-        for name, row, way in ((f"x{i + 1}", hand[0], math.cos(a)), (f"y{i + 1}", hand[1], math.sin(a))):
-            checks.append(_near(e, name, got[name], row + arm * way, 1e-12, "of a triangle about the hand"))
+        turn = math.pi / 2 + 2 * math.pi * i / 3
+        for name, row, way in ((f"x{i + 1}", hand[0], math.cos(turn)), (f"y{i + 1}", hand[1], math.sin(turn))):
+            checks.append(a.near(name, row + arm * way, 1e-12, "of a triangle about the hand"))
     return checks
 
 
-def _avatar(e: Evidence, got: dict[str, Row], blocks: list, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Check]:
+def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Check]:
     """The one avatar: at the hand, behind it, or slower."""
-    avatar: Any = next((b for b in blocks if isinstance(b, (Cursor, CursorFrames, DelayAvatar, FrameAvatar))), None)
-    checks: list[Check] = []
+    g, checks = a.given, list[Check]()
     places, text = hand, "the hand itself"
-    if isinstance(avatar, Cursor):
-        error, long = reversible(S, got["x1"], got["y1"], hand[0], hand[1], on)
-        if long:
-            e.skipped.append(f"x1, y1: {long} steps of the hand are too long for one middle")
-        return [Check("d", "x1, y1: steps of the reversible cursor", error, 1e-9, "of the largest step")]
-    if isinstance(avatar, CursorFrames):
-        seen, bounds = np.array([got["x1"], got["y1"]]), (avatar.slowest, avatar.fastest)
-        places, text = by_frames(S, seen, hand, on, avatar.frame * e.fs, bounds), "eq. (1), frame by frame"
-    elif avatar is not None:
-        lagging, checks = _waits(e, got, blocks, avatar, S, hand, on)
-        if "vibration" not in got:
+    if g["device"] == "pen" and g["mode"] != "deformation":
+        lagging, checks = _waits(a, S, hand, on)
+        if g["mode"] != "vibration":
             places, text = lagging, "the hand of some time ago"
-    return [*checks, *(_near(e, name, got[name], row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True))]
+    elif g["mode"] != "deformation":
+        seen = np.where(a.window > 0, [a.y["x1"], a.y["y1"]], hand * on)  # a window hides the first sample alone
+        if not g["frames"]:
+            error, long = reversible(S, seen[0], seen[1], hand[0], hand[1], on)
+            if long:
+                a.e.skipped.append(f"{a.title('x1')}: {long} steps of the hand are too long for one middle")
+            return [Check("d", f"{a.title('x1')}, y1: steps of the reversible cursor", error, 1e-9, "of the largest step")]
+        places, text = by_frames(S, seen, hand, on, FRAME * a.fs, SPEEDS), "eq. (1), frame by frame"
+    return [*checks, *(a.near(name, row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True))]
 
 
-def _waits(
-    e: Evidence, got: dict[str, Row], blocks: list, avatar: Any, S: Callable, hand: Row, on: NDArray[np.bool_]
-) -> tuple[Row, list[Check]]:
-    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for as long as eq. (3) says."""
-    tangent = _number(avatar, "force", "a")
-    e.numbers.append(f"{tangent:g} N tangential at S = 1, {1e3 * avatar.per_newton:g} ms/N, noticed from {avatar.notice:g} N")
-    law = delayed if isinstance(avatar, DelayAvatar) else delayed_by_frames
-    waits = signal(e, avatar.wait)
-    places, due, _ = law((*hand, tangent * S(*hand)), waits, on, e.fs, avatar)
+def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row, list[Check]]:
+    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for as long as eq. (3) says.
+
+    A rounding in a wait grows from one to the next, so the waits are those of the block that the law makes of what was asked for.
+    """
+    from ..blocks import delay_avatar, stiffness_map
+    from ..blocks.stiffness import Levels
+
+    g, tangent = a.given, a.given["tangent"]
+    a.say(f"{tangent:g} N tangential at S = 1")
+    x, y = Input("x", "m"), Input("y", "m")
+    f_t = constant(tangent, "N") * stiffness_map(x, y, Levels(np.array(g["S"][0]), *g["S"][1:]))
+    touching = Input("contact") if "contact" in a.x else Input("press") > 0.0
+    avatar: Any = delay_avatar(x, y, f_t, "frames" if g["frames"] else "streaming", touching)
+    waits, block = a.render(avatar.wait), getattr(avatar, "block", avatar)
+    law = delayed_by_frames if g["frames"] else delayed
+    places, due, _ = law((*hand, tangent * S(*hand)), waits, on, a.fs, block)
     checks = [Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")]
-    if "vibration" in got:
-        factor = next(b.factor for b in blocks if isinstance(b, Vibration))
-        wrong = float(np.sum(motor(waits, e.fs, factor) != got["vibration"]))
-        checks.append(Check("e", "vibration: as long as the delays", wrong, 0, "samples"))
+    if g["mode"] == "vibration":
+        wrong = a.far(motor(waits, a.fs, 1.0) - a.y["vibration"])
+        checks.append(Check("e", f"{a.title('vibration')}: as long as the delays", wrong, 0, "1 where a sample is wrong"))
     return places, checks
-
-
-def _near(e: Evidence, name: str, got: Row, want: Row, tol: float, text: str) -> Check:
-    """One row against what it must be, of its size; the page shows both."""
-    size = max(float(np.abs(want).max(initial=0.0)), 1e-300)
-    e.wanted[name] = lambda: (want, tol * size)
-    return Check("d", f"{name}: {text}", float(np.abs(got - want).max(initial=0.0)) / size, tol, "of its largest value")
-
-
-def _springs(root: Any) -> tuple[float, float, float]:
-    """Softest, hardest (N/m) and deepest (m) of an indentation, as they stand in the graph."""
-    softest = _number(root, "a", "b", "a")
-    return softest, softest + _number(root, "a", "b", "b", "a"), _number(root, "b")
-
-
-def _number(b: Any, *way: str) -> float:
-    """The plain number at the end of a way through the graph."""
-    for name in way:
-        b = getattr(b, name, None)
-    if not isinstance(b, Const):
-        raise SceneError(f"no plain number where soft_surface has one, at {'.'.join(way)}")
-    return b.value

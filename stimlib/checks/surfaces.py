@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..blocks.places import Grating, SpatialNoise
-from ..core.graph import Mul, Param, reach
 from ..design.octaves import octaves
-from ..errors import SceneError
-from .evidence import Check, Evidence, live
+from .evidence import Asked, Check
 from .laws import LOW, philox
 
 MOST = 20_000  # samples at which the scene's law is computed, evenly over the run
@@ -35,7 +32,16 @@ def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray
     return total.astype(float)
 
 
-def roughness(before: np.ndarray, x: np.ndarray, b: SpatialNoise) -> np.ndarray:
+class Roughness(NamedTuple):
+    """What noise over place is asked for, as ``spatial_noise`` takes it."""
+
+    slope: float
+    longest: float  # m
+    shortest: float  # m
+    seed: int
+
+
+def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
     """Mean of noise over place over each movement: Gauss's rule of two points is exact in each cell of its splines."""
     found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
     total, lost = np.zeros(x.size), 0.0
@@ -85,54 +91,38 @@ def _lattice(key: int, m: np.ndarray) -> np.ndarray:
     return (total.astype(float) - 2 * 65535) / math.sqrt((65536.0**2 - 1) / 3)
 
 
-def grating(e: Evidence) -> list[Check]:
+def grating(a: Asked) -> list[Check]:
     """The scene: a sum of parameters times gratings and noise over place, each computed again from the movement alone."""
-    rows = {n: e.x[k] for k, n in enumerate(e.proc.inputs)}
-    x, n = rows["x"], e.x.shape[1]
-    before, on = movements(x, rows.get("contact", np.ones(n)))
-    terms = _terms(e)
-    checks, bound = [], np.full(n, 1e-300)
-    for size, b in terms:
-        if isinstance(b, SpatialNoise):
-            depth, wavelength = np.ones(1), np.array([b.shortest])
-            e.numbers.append(f"roughness: 1/f^{b.slope:g} over {b.shortest:g} to {b.longest:g} m, seed {b.seed}")
-            checks.append(Check("d", "force: octaves of the roughness", _from_law(b), LAW_DB, f"dB from 1/f^{b.slope:g}"))
-        else:
-            wavelength, depth, _ = b.parts.T
-            e.numbers.append("grating: " + ", ".join(f"{1000 * v:.4g} mm" for v in wavelength))
-        for d, v in zip(np.abs(depth), wavelength, strict=True):  # a place is rounded, and so its phase
-            bound += np.abs(size) * d * (1e-12 + 2.0**-44 * np.abs(x) / v)
+    g, x, n = a.given, a.x["x"], a.n
+    before, on = movements(x, a.contact)
+    ribs = [(a.live(depth), g[wavelength]) for depth, wavelength in (("depth", "coarse"), ("fine_depth", "fine"))]
+    rough = Roughness(g["slope"], g["longest"], g["shortest"], g["seed"])
+    a.say("gratings: " + ", ".join(f"{1000 * wavelength:.4g} mm" for _, wavelength in ribs))
+    a.say(f"roughness: 1/f^{rough.slope:g} over {rough.shortest:g} to {rough.longest:g} m, seed {rough.seed}")
+    bound = np.full(n, 1e-300)
+    for depth, wavelength in [*ribs, (a.live("roughness"), rough.shortest)]:  # a place is rounded, and so its phase
+        bound += np.abs(depth) * (1e-12 + 2.0**-44 * np.abs(x) / wavelength)
 
-    def force(at):
-        total = np.zeros(at.size)
-        for size, b in terms:
-            noise = isinstance(b, SpatialNoise)
-            total += size[at] * (roughness(before[at], x[at], b) if noise else gratings(before[at], x[at], b.parts))
+    def force(at: Any) -> np.ndarray:
+        total = a.live("roughness")[at] * roughness(before[at], x[at], rough)
+        for depth, wavelength in ribs:
+            total += depth[at] * gratings(before[at], x[at], np.array([[wavelength, 1.0, 0.0]]))
         return np.where(on[at], total, 0.0)
 
     at = np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(int))
-    worst = float(np.max(np.abs(e.y[0, at] - force(at)) / bound[at], initial=0.0))
-    e.wanted["force"] = lambda: (force(np.arange(n)), float(bound.max(initial=0.0)))
+    error = np.zeros(n)
+    error[at] = (a.y["force"][at] - force(at)) / bound[at]
+    a.expect("force", lambda: force(np.arange(n)), float(bound.max(initial=0.0)))
     text = f"error over its bound, {at.size} samples: what is at a place, averaged over each movement, written again"
-    checks.append(Check("d", "force: gratings and roughness of the place", worst, 1.0, text))
-    checks.append(Check("e", "force: none off contact", float(np.abs(e.y[0, ~on]).max(initial=0.0)), 0.0, "N"))
-    return checks
+    name = a.title("force")
+    return [
+        Check("d", f"{name}: octaves of the roughness", _from_law(rough), LAW_DB, f"dB from 1/f^{rough.slope:g}"),
+        Check("d", f"{name}: gratings and roughness of the place", a.far(error), 1.0, text),
+        a.silent("force", ~on),
+    ]
 
 
-def _terms(e: Evidence) -> list[tuple[np.ndarray, Any]]:
-    """Each parameter, at every sample, and the block that it is multiplied with."""
-    found = []
-    for b in reach(e.scene.outputs.values()):
-        if isinstance(b, Mul) and isinstance(b.b, (Grating, SpatialNoise)):
-            if not isinstance(b.a, Param):
-                raise SceneError("what a surface is multiplied with is no parameter")
-            found.append((live(e, b.a.name), b.b))
-    if not found:
-        raise SceneError("no grating, and no noise over place")
-    return found
-
-
-def _from_law(b: SpatialNoise) -> float:
+def _from_law(b: Any) -> float:
     """Largest distance of the octaves' spectrum from C f^-slope of power 1, in dB."""
     found, f = octaves(b.slope, 1 / b.longest, 1 / b.shortest), np.geomspace(1 / b.longest, 1 / b.shortest, 2001)
     power = np.trapezoid(f ** (1 - b.slope), np.log(f))

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Block, reach
 from . import laws
-from .evidence import Check, Evidence, signal
+from .evidence import Asked, Check
 
 STILL = 1e-11  # of the unit of x: over so short a way a sinusoid is straight
 MANY = 10_000  # slips within one sample: their mean is taken at once
@@ -147,95 +146,59 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
 
 
 # The checks ------------------------------------------------------------------------------------------------------------
-def _of(e: Evidence, kind: type[Block]) -> Any:
-    return next(b for b in reach(e.scene.outputs.values()) if isinstance(b, kind))
+def _held(a: Asked, name: str, what: str, parts: Iterable[np.ndarray], numbers: str) -> list[Check]:
+    """An output against the sum of its parts."""
+    a.say(numbers)
+    return [a.near(name, sum(parts, np.zeros(a.n)), TOL, f"{what}, written again", LEAST)]
 
 
-def _rows(e: Evidence, name: str) -> tuple[np.ndarray, np.ndarray]:
-    rows = dict(zip(e.proc.inputs, e.x, strict=True))
-    return rows[name], rows.get("contact", np.ones(e.x.shape[1]))
+def _wall_of(a: Asked, x: np.ndarray, k: Any, b: Any, at: float) -> tuple[np.ndarray, str]:
+    k, b = (np.maximum(np.broadcast_to(v, x.shape), 0) for v in (k, b))  # as the block counts them
+    return wall(x, a.contact, a.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at:.6g} m"
 
 
-def _held(e: Evidence, what: str, parts: Iterable[np.ndarray], numbers: str) -> list[Check]:
-    """The one output against the sum of its parts."""
-    (name,) = e.scene.outputs
-    want = sum(parts, np.zeros(e.x.shape[1]))
-    top = max(float(np.abs(want).max()), LEAST)
-    e.wanted[name] = lambda: (want, TOL * top)
-    e.numbers.append(numbers)
-    return [Check("d", f"{name}: {what}", float(np.abs(e.y[0] - want).max() / top), TOL, "of the largest, written again")]
+def _vibration(a: Asked, events: np.ndarray) -> np.ndarray:
+    return a.live("A") * ringing(events, a.fs, a.given["freq"], a.given["decay"])
 
 
-def _wall_of(e: Evidence, x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, str]:
-    from ..blocks.touching import Wall
-
-    w = _of(e, Wall)
-    k, b, at = (signal(e, v) for v in (w.k, w.b, w.at))
-    if signal(e, w.c).any():
-        raise StopIteration("a wall whose damping grows with the depth")
-    k, b = np.maximum(k, 0), np.maximum(b, 0)  # as the block counts them
-    return wall(x, contact, e.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at[0]:.6g} m"
-
-
-def wall_law(e: Evidence) -> list[Check]:
-    force, numbers = _wall_of(e, *_rows(e, "x"))
+def wall_law(a: Asked) -> list[Check]:
+    force, numbers = _wall_of(a, a.x["x"], a.live("k"), a.live("b"), a.given["at"])
+    pulls = float(np.max(np.where(a.window > 0, -a.y["force"], 0.0)))
     return [
-        *_held(e, "wall over place", [force], numbers),
-        Check("e", "force: it never pulls", float(-e.y[0].min()), 0.0, "N"),
+        *_held(a, "force", "wall over place", [force], numbers),
+        Check("e", f"{a.title('force')}: it never pulls", pulls, 0.0, "N"),
     ]
 
 
-def click_law(e: Evidence) -> list[Check]:
-    from ..blocks.touching import Button
-    from ..blocks.transients import Ring
-
-    x, contact = _rows(e, "x")
-    key, ring = _of(e, Button), _of(e, Ring)
-    force, pressed = button(x, contact, signal(e, key.peak), key.drop, key.at, key.back)
-    bottom, numbers = _wall_of(e, x, contact)
+def click_law(a: Asked) -> list[Check]:
+    x, g = a.x["x"], a.given
+    force, pressed = button(x, a.contact, a.live("peak"), g["drop"], g["at"], g["back"])
+    bottom, numbers = _wall_of(a, x, g["stiffness"], 0.0, g["travel"])
     events = np.diff(pressed.astype(float), prepend=pressed[0]) > 0
-    freq, decay = float(signal(e, ring.freq)[0]), float(signal(e, ring.decay)[0])
-    vibration = _amplitude(e, "A") * ringing(events.astype(float), e.fs, freq, decay)
-    words = f"a snap at {1e3 * key.at:g} mm, back at {1e3 * key.back:g} mm, {int(events.sum())} of them; {numbers}"
-    return _held(e, "button, bottom and vibration", [force, bottom, vibration], words)
+    words = f"a snap at {1e3 * g['at']:g} mm, back at {1e3 * g['back']:g} mm, {int(events.sum())} of them; {numbers}"
+    return _held(a, "force", "button, bottom and vibration", [force, bottom, _vibration(a, events.astype(float))], words)
 
 
-def _amplitude(e: Evidence, name: str) -> np.ndarray:
-    return signal(e, e.scene.params[name])
+def detents_law(a: Asked) -> list[Check]:
+    x, g = a.x["angle"], a.given
+    k = g["friction"] / g["presliding"]
+    drawn = detents(x, a.contact, 2 * np.pi / g["count"], a.live("depth"))
+    rubbed = coulomb(x, a.contact, k, np.maximum(a.live("friction"), 0))
+    words = f"{g['count']} detents a turn, friction over {k:g} N m"
+    return _held(a, "torque", "detents and friction", [drawn, rubbed], words)
 
 
-def detents_law(e: Evidence) -> list[Check]:
-    from ..blocks.sliding import Coulomb
-    from ..blocks.touching import Detents
-
-    x, contact = _rows(e, "angle")
-    d, f = _of(e, Detents), _of(e, Coulomb)
-    k = float(signal(e, f.stiffness)[0])
-    drawn = detents(x, contact, d.spacing, signal(e, d.depth))
-    rubbed = coulomb(x, contact, k, signal(e, f.limit))
-    return _held(e, "detents and friction", [drawn, rubbed], f"{2 * np.pi / d.spacing:g} detents a turn, friction over {k:g} N m")
+def friction_law(a: Asked) -> list[Check]:
+    x, g = a.x["x"], a.given
+    k, limit, left = g["stiffness"], g["static"] * np.maximum(a.live("normal"), 0), g["kinetic"] / g["static"]
+    words = f"it slips at {limit[0]:g} N, to {left * limit[0]:g} N, every {1e3 * (1 - left) * limit[0] / k:.4g} mm"
+    return _held(a, "force", "sawtooth over place", [stick_slip(x, a.contact, k, limit, left, a.y["force"])], words)
 
 
-def friction_law(e: Evidence) -> list[Check]:
-    from ..blocks.sliding import StickSlip
-
-    x, contact = _rows(e, "x")
-    f = _of(e, StickSlip)
-    k, limit = float(signal(e, f.stiffness)[0]), signal(e, f.limit)
-    words = f"it slips at {limit[0]:g} N, to {f.left * limit[0]:g} N, every {1e3 * (1 - f.left) * limit[0] / k:.4g} mm"
-    return _held(e, "sawtooth over place", [stick_slip(x, contact, k, limit, f.left, e.y[0])], words)
-
-
-def impact_law(e: Evidence) -> list[Check]:
-    from ..blocks.impedance import Velocity
-    from ..blocks.transients import Ring
-
-    x, contact = _rows(e, "x")
-    ring, v = _of(e, Ring), _of(e, Velocity)
-    force, numbers = _wall_of(e, x, contact)
-    speed = np.maximum(laws.squeeze_finger(x, np.zeros(x.size), contact, e.fs, 0.0, 0.0, v.cutoff, 1.0, 0.0).v, 0)
+def impact_law(a: Asked) -> list[Check]:
+    x, g = a.x["x"], a.given
+    force, numbers = _wall_of(a, x, a.live("k"), g["b"], 0.0)
+    speed = np.maximum(laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v, 0)
     events = np.r_[False, (x[1:] > 0) & ~(x[:-1] > 0)]
-    freq, decay = float(signal(e, ring.freq)[0]), float(signal(e, ring.decay)[0])
-    vibration = _amplitude(e, "A") * ringing(events * speed, e.fs, freq, decay)
     words = f"{int(events.sum())} impacts of up to {speed[events].max(initial=0.0):.3g} m/s; {numbers}"
-    return _held(e, "wall and vibration", [force, vibration], words)
+    return _held(a, "force", "wall and vibration", [force, _vibration(a, events * speed)], words)

@@ -1,4 +1,4 @@
-"""The text that blocks of a user's own were defined by: a record for the reader, which nothing runs, and its hash."""
+"""The text that blocks and laws of a user's own were defined by: a record for the reader, which nothing runs, and its hash."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 
 from . import fields
 from .graph import Block, reach, type_name
+from .parts import OWN
 
 TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text}))
 
 
 def definitions(scene: Any) -> dict[str, dict[str, str]]:
-    """The files that define a scene's own blocks, as they were when Python read them.
+    """The files that define a scene's own blocks and laws, as they were when Python read them.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def definitions(scene: Any) -> dict[str, dict[str, str]]:
     >>> definitions(stimlib.scenes.squeeze())
     {}
     """
-    return {module: {"sha256": _sha256(cls.source), "text": cls.source} for module, cls in _own(scene).items()}
+    return {module: {"sha256": _sha256(text), "text": text} for module, text in _own(scene).items()}
 
 
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
@@ -52,10 +53,12 @@ def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
     ]
 
 
-def _own(scene: Any) -> dict[str, type[Block]]:
-    """One class of each module that is not stimlib's, of those that the blocks derive from too."""
+def _own(scene: Any) -> dict[str, str]:
+    """The text of each module that is not stimlib's: of blocks, of the classes that they derive from, and of laws."""
     kinds = {type_name(k): k for b in reach(scene.outputs.values()) for k in type(b).__mro__ if issubclass(k, Block)}
-    return {kinds[name].__module__: kinds[name] for name in sorted(kinds) if "." in name}
+    found = {kinds[name].__module__: kinds[name].source for name in sorted(kinds) if "." in name}
+    laws = sorted(part.law for part in scene.parts if part.law in OWN)
+    return {OWN[name][0].__module__: OWN[name][1] for name in laws} | found
 
 
 def _sha256(text: str) -> str:

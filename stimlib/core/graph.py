@@ -320,14 +320,15 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
     return v
 
 
-def check_arguments(make: Callable, values: dict[str, Any]) -> None:
-    """Raise BadValue unless the arguments of a function, ``locals()`` at its start, are as their annotations ask for.
+def check_arguments(make: Callable, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a function, ``locals()`` at its start; BadValue unless they are as their annotations ask for.
 
     Signals, whose annotation names ``Block``, are left to ``as_block``.
     """
     for name, p in inspect.signature(make).parameters.items():
         if p.annotation is not p.empty and "Block" not in p.annotation:
             design_value(f"{make.__name__}: {name}", p.annotation, values[name])
+    return dict(values)
 
 
 def positive(owner: Block, *names: str) -> None:

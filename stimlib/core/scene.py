@@ -7,7 +7,7 @@ import hashlib
 import importlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,10 @@ from ..errors import SceneError, SceneFileError, StimlibError, UnknownName
 from . import regular
 from .bounds import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
+from .parts import Part, parts_of
 from .program import Program, lower
 
-VERSION = 1
+VERSION = 2
 
 
 class Scene:
@@ -27,27 +28,48 @@ class Scene:
     Parameters
     ----------
     outputs : dict of str to Block
-    law : str, optional
-        Name of the physical law (``stimlib.checks.scenes.SCENES``) that a verifier shall hold the outputs against.
+    law : callable or str, optional
+        What the outputs should be, for ``verify``: a function ``law(x, p, fs, **given)`` of the inputs and the parameters, two
+        dictionaries with a row of samples for each, and of the sample rate in Hz.  It returns a dictionary with the wanted row
+        of each output that it is about, or (row, tolerance).  Or the name of a shipped scene, whose law it is.
+    given : dict, optional
+        The numbers that the law needs besides: those that the scene was asked for.  They are kept in the scene's file.
 
     Raises
     ------
     SceneError
         No outputs; names used twice with different meaning; noise keys that collide.
+    BadValue
+        A law that is no function with a name; something given that a file cannot keep.
 
     Examples
     --------
     >>> from stimlib import Input, Param, Scene
     >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
     Scene(x [m], k [N/m] -> force [N])
+
+    A scene with its law, which ``verify`` holds it against:
+
+    >>> import stimlib
+    >>> def spring(x, p, fs):
+    ...     return {"force": p["k"] * x["x"]}
+    >>> scene = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}, law=spring)
+    >>> motion = {"x": lambda t: 0.01 * t}
+    >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000, seconds=0.1)).passed
+    True
     """
 
-    def __init__(self, outputs: Mapping[str, Block], law: str | None = None):
+    def __init__(
+        self,
+        outputs: Mapping[str, Block],
+        law: str | Callable | Sequence[Part] | None = None,
+        given: Mapping[str, Any] | None = None,
+    ):
         if not isinstance(outputs, Mapping) or not outputs:
             raise SceneError('a scene needs named outputs, such as Scene({"force": force})')
         for name in outputs:
             check_name("output", name, SceneError)
-        self.law = law
+        self.parts = parts_of(law, given)
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         self._lowered: tuple[list[tuple[str, int]], Program] | None = None
         _ = self.program  # finds what is wrong with the graph now, where it was written
@@ -70,23 +92,30 @@ class Scene:
         """Parameters by name."""
         return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Param)}
 
-    def renamed(self, names: Mapping[str, str]) -> Scene:
-        """Return the same scene with other names of some parameters, so that two stimuli of one kind fit into one scene.
+    def renamed(
+        self,
+        names: Mapping[str, str] | None = None,
+        inputs: Mapping[str, str] | None = None,
+        outputs: Mapping[str, str] | None = None,
+    ) -> Scene:
+        """Return the same scene with other names, so that two stimuli of one kind fit into one scene.
 
         Parameters
         ----------
-        names : dict of str to str
-            New names by the old ones.
+        names, inputs, outputs : dict of str to str, optional
+            New names of parameters, inputs and outputs by the old ones.
 
         Returns
         -------
         Scene
-            Without a law, as laws know parameters by their names.
+            With the same laws, under the new names.
 
         Raises
         ------
         UnknownName
-            The scene has no such parameter.
+            The scene has no such parameter, input or output.
+        SceneError
+            Two of a kind would have one name.
         BadValue
             No name that a parameter can have.
 
@@ -96,13 +125,84 @@ class Scene:
         >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}).renamed({"k": "k_2"})
         Scene(x [m], k_2 [N/m] -> force [N])
         """
-        if unknown := [name for name in names if name not in self.params]:
-            raise UnknownName(f"no parameter {unknown[0]!r}; this scene has {', '.join(self.params) or 'none'}")
+        every = {}
+        for what, asked, known in (
+            ("parameter", names, self.params), ("input", inputs, self.inputs), ("output", outputs, self.outputs)
+        ):  # fmt: skip
+            if unknown := [name for name in asked or {} if name not in known]:
+                raise UnknownName(f"no {what} {unknown[0]!r}; this scene has {', '.join(known) or 'none'}")
+            every[what] = {name: (asked or {}).get(name, name) for name in known}
+            if twice := [n for n in every[what].values() if list(every[what].values()).count(n) > 1]:
+                raise SceneError(f"two {what}s would be called {twice[0]!r}; choose another name for one")
         new: dict[int, Block] = {}
         for b in reach(self.outputs.values()):
-            name = {"name": names.get(b.name, b.name)} if isinstance(b, Param) else {}
+            kind = {Param: "parameter", Input: "input"}.get(type(b))
+            name = {"name": every[kind][b.name]} if kind else {}  # type: ignore[attr-defined]
             new[id(b)] = dc.replace(b, **name, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
-        return Scene({name: new[id(b)] for name, b in self.outputs.items()})
+        parts = [p.renamed(every["input"] | every["parameter"], every["output"]) for p in self.parts]
+        return Scene({every["output"][name]: new[id(b)] for name, b in self.outputs.items()}, parts)
+
+    @staticmethod
+    def combine(*, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene) -> Scene:
+        """Return one scene of several, each with its own inputs, parameters and outputs, and its own law.
+
+        Parameters
+        ----------
+        **parts : Scene
+            By the name that stands before the names of its inputs, parameters and outputs: ``wall=scene`` makes of ``x`` a
+            ``wall_x``.
+        share : dict of str to sequence of str, optional
+            Inputs or parameters that are one, by their new name: ``{"x": ("wall_x", "bumps_x")}``.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SceneError
+            No part; what is shared differs in kind, unit or value; two parts mean different things by one name, or have noise
+            of the same key.
+        UnknownName
+            Something is to be shared that no part has.
+
+        Examples
+        --------
+        >>> from stimlib import Scene
+        >>> from stimlib.scenes import bumps, wall
+        >>> both = Scene.combine(edge=wall(), screen=bumps(), share={"x": ("edge_x", "screen_x")})
+        >>> list(both.inputs), list(both.params), list(both.outputs)
+        (['x'], ['edge_k', 'edge_b', 'screen_A', 'screen_duty', 'screen_freq'], ['edge_force', 'screen_voltage'])
+        """
+        if not parts or not all(isinstance(s, Scene) for s in parts.values()):
+            raise SceneError("combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())")
+        one = {name: new for new, names in (share or {}).items() for name in names}
+        outputs: dict[str, Block] = {}
+        laws: list[Part] = []
+        seen: dict[str, tuple[str, Block]] = {}
+        for prefix, scene in parts.items():
+            check_name("part", prefix, SceneError)
+            named = {name: f"{prefix}_{name}" for name in {**scene.inputs, **scene.params, **scene.outputs}}
+            new = {name: one.pop(named[name], named[name]) for name in {**scene.inputs, **scene.params}}
+            for name, b in {**scene.inputs, **scene.params}.items():
+                other, known = seen.setdefault(new[name], (f"{name} of {prefix}", b))
+                if repr(dc.replace(known, name="x")) != repr(dc.replace(b, name="x")) or (  # type: ignore[type-var]
+                    known is not b and new[name] == named[name]
+                ):
+                    raise SceneError(
+                        f"{new[name]!r} would be {other}, {known!r}, and {name} of {prefix}, {b!r}, which are not the same; "
+                        "give one another name"
+                    )
+            if twice := [named[name] for name in scene.outputs if named[name] in outputs]:
+                raise SceneError(f"two parts would have the output {twice[0]!r}; give {prefix} another name")
+            made = scene.renamed(
+                {n: new[n] for n in scene.params}, {n: new[n] for n in scene.inputs}, {n: named[n] for n in scene.outputs}
+            )
+            outputs |= made.outputs
+            laws += [dc.replace(p, name="_".join(filter(None, (prefix, p.name)))) for p in made.parts]
+        if one:
+            raise UnknownName(f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}")
+        return Scene(outputs, laws)
 
     def __repr__(self):
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]
@@ -154,7 +254,10 @@ class Scene:
                     fields[f.name] = v.tolist() if isinstance(v, np.ndarray) else v
             blocks.append({"class": type_name(type(b)), "fields": fields})
         outputs = {n: number[id(b)] for n, b in self.outputs.items()}
-        return {"stimlib_scene": VERSION, "law": self.law, "blocks": blocks, "outputs": outputs}
+        parts: Any = [p.to_dict() for p in self.parts] or None
+        old = not parts or (len(parts) == 1 and parts[0]["given"] is None)  # as version 1 has it, and its hash
+        law = self.parts[0].law if old and parts else parts
+        return {"stimlib_scene": 1 if old else VERSION, "law": law, "blocks": blocks, "outputs": outputs}
 
     @classmethod
     def from_dict(cls, data: Any, where: str = "scene") -> Scene:
@@ -168,7 +271,7 @@ class Scene:
         if not isinstance(data, dict) or "stimlib_scene" not in data:
             raise SceneFileError(f"{where}: not a stimlib scene")
         version = data["stimlib_scene"]
-        if version != VERSION:
+        if version not in (1, VERSION) or isinstance(version, bool):
             raise SceneFileError(f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
         importlib.import_module("stimlib.blocks")  # registers ours
 
@@ -209,8 +312,10 @@ class Scene:
             except (TypeError, ValueError, AttributeError) as e:
                 raise SceneFileError(f"{where}: block {i} ({name}) has a field of a wrong kind: {e}") from e
         law = data.get("law")
-        if not isinstance(law, (str, type(None))):
-            raise SceneFileError(f"{where}: law must be a name")
+        if isinstance(law, list):
+            law = [Part.from_dict(part, where) for part in law]
+        elif not isinstance(law, (str, type(None))):
+            raise SceneFileError(f"{where}: law must be a name, or a list of laws")
         return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()}, law)
 
     @property

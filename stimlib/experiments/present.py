@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..blocks import segment, timeline, where, white_noise
 from ..core.graph import Block, constant
+from ..core.parts import Part, Span
 from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
@@ -101,19 +102,22 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     experiment.check(trial)
     outputs: dict[str, Block] = {}  # of the scenes of this trial
     start: dict[str, float] = {}
+    laws: list[Part] = []
     for i, ((a, b), s) in enumerate(zip(spans(experiment, trial), trial.stimuli, strict=True), 1):
         scene, at, long, ramp = experiment.scenes[s.scene], a / experiment.fs, (b - a) / experiment.fs, experiment.timing.ramp
         own = {name: f"{name}_{i}" if len(trial.stimuli) > 1 else name for name in scene.params}
         start |= {own[name]: float(v) for name, v in s.params.items() if v != scene.params[name].value}
         window = timeline([(0.0, 0.0), (ramp, 1.0), (long - ramp, 1.0), (long, 0.0)], "cosine")
         seed = None if s.seed == trial.stimuli[0].seed else s.seed
-        for output, block in scene.renamed(own).outputs.items():
+        scene = scene.renamed(own)
+        laws += [dc.replace(p, name=f"interval_{i}", span=Span(at, long, ramp, seed)) for p in scene.parts if p.span is None]
+        for output, block in scene.outputs.items():
             y = segment(window * block, at, long, seed)
             outputs[output] = where(y.by, y, outputs[output]) if output in outputs else y  # a sum would make 0 of -0
     every = {name: outputs.get(name, constant(0.0, str(unit))) for name, unit in experiment.outputs.items()}
     if m := experiment.masking:
         every[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
-    return Scene(every), start
+    return Scene(every, laws), start
 
 
 def _safety(experiment: Experiment) -> Safety:

@@ -65,7 +65,7 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
             raise UnknownName(f"range of {name}: the scene has {', '.join(names) or 'no input and no parameter'}")
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise BadValue(f"range of {name}: {low:g} to {high:g} must be finite and rise")
-    known = LAWS.get(scene.law or "", {})
+    known = {p.inputs.get(n, n): r for p in scene.parts for n, r in LAWS.get(p.law, {}).items()}
     found: dict[str, Range] = {name: UNITS.get(str(b.dim), (0.0, 1.0)) for name, b in scene.inputs.items()}
     if surface := _surface(scene):
         found |= {"x": (0.0, surface["width"]), "y": (0.0, surface["height"])}

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..blocks.bump import bump
 from ..blocks.carrier import carrier
-from ..blocks.equalise import equalize, within
+from ..blocks.equalise import equalize, points, within
 from ..blocks.maps import nonzero
 from ..core.graph import Input, Param, check_arguments, constant
 from ..core.scene import Scene
@@ -89,7 +89,7 @@ def bumps(
     >>> bumps("sine", bumps=18, duty=0.2, amplitude=7.5, contact=True)
     Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
     """
-    check_arguments(globals()["bumps"], locals())  # bumps is their number here
+    given = check_arguments(globals()["bumps"], locals())  # bumps is their number here
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
         if not value > 0:
             raise BadValue(f"bumps: {name} = {value!r} must be above 0")
@@ -99,10 +99,11 @@ def bumps(
     c = carrier(Param("freq", freq, "Hz"), rectify, phase, on)
     V = (gain * A) * e * c
     if displacement is not None:
+        given |= {"displacement": points(displacement)}  # as the file is now
         V = equalize(x, displacement, limit, headroom, signal=V, peak=gain * abs(A), contact=on)
     elif limit is not None:
         V = within(V, limit, headroom, peak=gain * abs(A))
-    return Scene({"voltage": V}, law="bumps")
+    return Scene({"voltage": V}, law="bumps", given=given)
 
 
 class Stimulus(NamedTuple):

@@ -48,7 +48,7 @@ def detents(
     >>> detents(count=12)
     Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
     """
-    check_arguments(detents, locals())
+    given = check_arguments(detents, locals())
     for name, value in (("count", count), ("friction", friction), ("presliding", presliding)):
         if not value > 0:
             raise BadValue(f"detents: {name} = {value!r} must be above 0")
@@ -56,4 +56,4 @@ def detents(
     drawn = blocks.detents(angle, 2 * pi / count, Param("depth", depth, "N*m"), touching)
     stiffness, torque = constant(friction / presliding, "N*m"), Param("friction", friction, "N*m")
     rubbed = blocks.friction(angle, torque, 1.0, stiffness, "coulomb", contact=touching)
-    return Scene({"torque": drawn + rubbed}, law="detents")
+    return Scene({"torque": drawn + rubbed}, law="detents", given=given)

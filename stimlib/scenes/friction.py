@@ -43,7 +43,9 @@ def friction(
     >>> friction(static=0.6)
     Scene(x [m], normal [N] -> force [N])
     """
-    check_arguments(friction, locals())
+    given = check_arguments(friction, locals())
     touching = Input("contact") if contact else 1.0
     N = Param("normal", normal, "N")
-    return Scene({"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)}, law="friction")
+    return Scene(
+        {"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)}, law="friction", given=given
+    )

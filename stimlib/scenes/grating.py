@@ -62,10 +62,10 @@ def grating(
     >>> grating(coarse=1e-3, contact=True)
     Scene(x [m], contact [1], depth [N], fine_depth [N], roughness [N] -> force [N])
     """
-    check_arguments(grating, locals())
+    given = check_arguments(grating, locals())
     x = Input("x", "m")
     on = Input("contact") if contact else 1.0
     force = Param("depth", depth, "N") * ribs(x, [(coarse, 1.0, 0.0)], contact=on)
     force += Param("fine_depth", fine_depth, "N") * ribs(x, [(fine, 1.0, 0.0)], contact=on)
     force += Param("roughness", roughness, "N") * spatial_noise(x, slope, seed, shortest, longest, on)
-    return Scene({"force": force}, law="grating")
+    return Scene({"force": force}, law="grating", given=given)

@@ -76,7 +76,7 @@ def soft_surface(
     >>> soft_surface("cursor", device="mouse")
     Scene(x [m], y [m], push [N] -> x1 [m], y1 [m], force [N])
     """
-    check_arguments(soft_surface, locals())
+    given = check_arguments(soft_surface, locals())
     for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
         if value not in known:
             raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")
@@ -86,6 +86,7 @@ def soft_surface(
         if not number > 0:
             raise BadValue(f"soft_surface: {name} = {number!r} must be above 0")
     S = block() if S is None else as_levels("soft_surface", S)
+    given |= {"S": S}
     x, y = Input("x", "m"), Input("y", "m")
     touching: Block = Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)
     force = press(Input("press"), touching) if device == "pen" else Param("push", push, "N") * (touching > 0.0)
@@ -110,4 +111,4 @@ def soft_surface(
         shown |= {f"x{i}": xi, f"y{i}": yi}
         if mode in ("deformation", "combined", "multipoint"):
             shown[f"depth{i}"] = indentation(force / float(len(places)), stiffness_map(xi, yi, S))
-    return Scene(shown | {"force": force} | outputs, law="soft_surface")
+    return Scene(shown | {"force": force} | outputs, law="soft_surface", given=given)

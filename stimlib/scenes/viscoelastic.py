@@ -60,10 +60,10 @@ def viscoelastic(
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
     """
-    check_arguments(viscoelastic, locals())
+    given = check_arguments(viscoelastic, locals())
     y = Input("y", "m")
     chi = equal_force(chi_0, 0.0, alpha, w)
     touching = Input("contact") if contact else None
     horizon = 60.0 if scheme == "gl-downsampled" else 86400.0  # the downsampled method keeps all of it
     unit = springpot(y, chi, alpha, scheme, tol, horizon, contact=touching)
-    return Scene({"force": Param("firmness", firmness) * unit}, law="viscoelastic")
+    return Scene({"force": Param("firmness", firmness) * unit}, law="viscoelastic", given=given)

@@ -257,15 +257,6 @@ class TestSqueeze:
         assert any("force1: slope" in c.name for c in found) != told
         assert any("force1: the position hardly changes" in text for text in e.skipped) == told
 
-    def test_gate(self, squeezed):
-        gate = squeezed.taps[0].gate.copy()
-        gate[np.flatnonzero(gate)[0]] = False
-        e = fresh(squeezed)
-        assert passed(scenes.scene_law(e), e, "gate timing")
-        e = fresh(squeezed)
-        e.taps[0] = dc.replace(e.taps[0], gate=gate)
-        assert not passed(scenes.scene_law(e), e, "gate timing")
-
     def test_finite(self, squeezed):
         y = squeezed.shown.copy()
         y[0, 7] = np.nan

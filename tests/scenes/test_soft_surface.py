@@ -11,6 +11,7 @@ from stimlib import BadValue
 from stimlib.blocks.avatar import DelayAvatar, FrameAvatar, Vibration
 from stimlib.blocks.cursor import Cursor, CursorFrames
 from stimlib.checks import soft as law
+from stimlib.checks.evidence import asked
 from stimlib.motion.recorded import recording
 from stimlib.scenes import soft_surface
 from stimlib.soft import block, nodules
@@ -104,8 +105,9 @@ def test_a_row_that_is_off_either_way_is_seen():
     x = np.array([MOTION[name][300:340] for name in proc.inputs])
     y = proc.process(x)
     for factor, passes in ((1.0, True), (1 + 1e-9, False), (1 - 1e-9, False)):
-        e = SimpleNamespace(scene=scene, proc=proc, x=x, y=factor * y, numbers=[], wanted={})
-        assert all(c.passed is passes for c in law.soft_surface(e) if c.name.startswith(("force", "depth1"))), factor
+        e = SimpleNamespace(scene=scene, proc=proc, fs=FS, x=x, y=factor * y, seed=0, params={}, numbers=[], wanted={})
+        checks = law.soft_surface(asked(e, scene.parts[0]))
+        assert all(c.passed is passes for c in checks if c.name.startswith(("force", "depth1"))), factor
 
 
 def test_depth_and_force_are_the_papers_and_the_springs():

@@ -64,12 +64,6 @@ def test_the_law_and_the_block_agree_at_the_edges():
     np.testing.assert_allclose(proc.process(np.array([v, f]))[0], want, atol=1e-7 * np.abs(want).max())
 
 
-def test_where_speed_is_not_a_moving_tools_the_law_says_so():
-    scene = Scene({"acceleration": stimlib.Param("level", 1.0) * texture(0.1, 1.0, MODEL, seed=1)}, law="texture")
-    r = report(scene, {}, 1000, 0.2)
-    assert r.passed and "the law covers a moving tool" in str(r)
-
-
 def test_a_lift_is_silent_and_a_file_is_a_model(tmp_path):
     save_texture(MODEL, tmp_path / "a.xml")
     scene = stimlib.scenes.texture(tmp_path / "a.xml", contact=True)

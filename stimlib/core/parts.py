@@ -1,0 +1,139 @@
+"""What a scene was asked for: the law of each of its parts, what was given, and what its signals are called now."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import os
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import BadValue, SceneFileError
+from . import fields
+from .source import source_of
+
+OWN: dict[str, tuple[Callable, str]] = {}
+"""Laws of a user's own, and the text of their file, by the name that a scene file has for them, as blocks are known by theirs."""
+
+
+class Span(NamedTuple):
+    """The interval of a trial in which a part is shown: its scene times a window with cosine ramps, on a clock of its own."""
+
+    start: float  # s
+    duration: float  # s
+    ramp: float  # s
+    seed: int | None  # of its noise; None: that of the run
+
+
+@dc.dataclass(frozen=True)
+class Part:
+    """A scene, or what was combined into one, as its law knows it.
+
+    Parameters
+    ----------
+    law : str
+        Name of the function that made a shipped scene, or ``module.name`` of a law of a user's own.
+    given : dict, optional
+        The arguments that were given, as JSON data.  None: not known, as of scenes that were kept before 0.2.
+    name : str
+        Of the part, in a combined scene.
+    inputs, outputs : dict of str to str
+        What the scene calls each input or parameter, and each output, by the name that the law has for it; empty where
+        these are the same.
+    span : Span, optional
+        Of an interval of a trial.
+    """
+
+    law: str
+    given: Mapping[str, Any] | None = None
+    name: str = ""
+    inputs: Mapping[str, str] = dc.field(default_factory=dict)
+    outputs: Mapping[str, str] = dc.field(default_factory=dict)
+    span: Span | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON data."""
+        return {f.name: list(v) if isinstance(v := getattr(self, f.name), Span) else v for f in dc.fields(self)}
+
+    @classmethod
+    def from_dict(cls, data: Any, where: str) -> Part:
+        """A part of a scene file; SceneFileError if it is none."""
+        try:
+            fields.require({"part": data}, {"part": TEST})
+            if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
+                raise ValueError(f"a law has no field {more[0]!r:.40}")
+        except ValueError as e:
+            raise SceneFileError(f"{where}: {e}") from None
+        return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
+
+    def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str], prefix: str = "") -> Part:
+        """The part under the new names of all inputs and parameters, and of all outputs, of its scene."""
+        return dc.replace(
+            self,
+            name="_".join(filter(None, (prefix, self.name))),
+            inputs={own: inputs[name] for own, name in (self.inputs or {n: n for n in inputs}).items()},
+            outputs={own: outputs[name] for own, name in (self.outputs or {n: n for n in outputs}).items()},
+        )
+
+
+def _span(v: Any) -> bool:
+    times = isinstance(v, list) and len(v) == 4 and all(map(fields.not_negative, v[:3]))
+    return times and (v[3] is None or fields.whole(2**64 - 1)(v[3]))
+
+
+TEST = fields.record(
+    {
+        "law": fields.text,
+        "given": fields.maybe(fields.table),
+        "name": fields.text,
+        "inputs": fields.table_of(fields.text),
+        "outputs": fields.table_of(fields.text),
+        "span": fields.maybe(fields.Test("start, duration, ramp and seed", _span)),
+    }
+)
+
+
+def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
+    """The parts of a scene: none, one of a name or a function with what was given, or as they are."""
+    if law is None or isinstance(law, str):
+        return () if law is None else (Part(law, None if given is None else plain(given)),)
+    if callable(law):
+        name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
+        if not name or "<lambda>" in name:
+            raise BadValue(f"law = {law!r:.80} has no name that a file could keep; write it with def, and give numbers as given=")
+        OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
+        return (Part(name, plain(given or {})),)
+    if isinstance(law, (tuple, list)) and all(isinstance(p, Part) for p in law):
+        return tuple(law)
+    raise BadValue(f"law = {law!r:.80} must be a name, or a function of the inputs, the parameters and the sample rate")
+
+
+def plain(v: Any) -> Any:
+    """Numbers, texts, arrays, tuples, tables and dataclasses as JSON data.
+
+    Raises
+    ------
+    BadValue
+        Something else, or a number that is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.core.parts import plain
+    >>> plain({"a": np.float64(1.5), "b": (1, np.arange(3))})
+    {'a': 1.5, 'b': [1, [0, 1, 2]]}
+    """
+    if v is None or isinstance(v, (str, bool, int)) or fields.number(v):
+        return v
+    if isinstance(v, (np.ndarray, np.generic)):
+        return plain(v.tolist())
+    if isinstance(v, os.PathLike):
+        return os.fspath(v)
+    if isinstance(v, Mapping):
+        return {str(name): plain(part) for name, part in v.items()}
+    if isinstance(v, (tuple, list)):
+        return [plain(part) for part in v]
+    if dc.is_dataclass(v) and not isinstance(v, type):
+        return {f.name: plain(getattr(v, f.name)) for f in dc.fields(v)}
+    raise BadValue(f"given: {v!r:.80} cannot be kept in a scene file; give finite numbers, texts, arrays and tables of these")
