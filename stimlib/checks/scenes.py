@@ -65,7 +65,7 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
 def own_law(a: Asked) -> list[Check]:
     """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
     p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
-    wanted = OWN[a.part.law][0](dict(a.x), p, a.fs, **a.given)
+    wanted = OWN[a.part.law][0](dict(a.x), p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
@@ -94,9 +94,13 @@ def _squeeze(a: Asked) -> list[Check]:
     from ..blocks import differentiator, pink_noise
     from ..blocks.actuator import PLACEHOLDER_GAMMA
 
+    n = range(1, a.given["fingers"] + 1)
+    outputs = [f"force{i}" for i in n] + [f"current{i}" for i in n if a.given["motor_constant"] is not None]
+    if set(outputs) != set(a.y):
+        raise SceneError(f"it has the outputs {', '.join(a.y)}, and {', '.join(outputs)} were asked for")
     checks, g, k, A = [], a.given, a.live("k"), a.live("A") * a.live("level")
     on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
-    for i in range(1, g["fingers"] + 1):
+    for i in n:
         name, x = f"force{i}", a.x[f"x{i}"]
         still = laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, k, A, g["cutoff"], on, off)
         runs, noise = still.gate & (A != 0), np.zeros(a.n)
@@ -194,7 +198,7 @@ def _viscoelastic(a: Asked) -> list[Check]:
     contact = Input("contact") if "contact" in a.x else None
     horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
     block = springpot(Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact)
-    same = a.near("force", a.live("firmness") * a.render(block), 1e-12, "springpot of these numbers")
+    same = a.near("force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers")
     name, silent = a.title("force"), a.silent("force", ~touching)
     if g["scheme"] not in ("gl", "l1"):
         a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
@@ -233,12 +237,13 @@ def _bumps(a: Asked) -> list[Check]:
     if not isinstance(g["waveform"], str):
         a.e.skipped.append(f"{name}: the law knows the named waveforms, not tables")
         return []
-    if g["rectify"] != "half" or g["phase"] or g["sampling"] != "area":
-        a.e.skipped.append(f"{name}: the law covers area-sampled waves on a half-wave carrier that starts at phase 0")
+    if g["sampling"] != "area":
+        a.e.skipped.append(f"{name}: the law covers bumps that are sampled by their area")
         return []
     A, duty, freq, gain = a.live("A"), a.live("duty"), a.live("freq"), g["gain"]
     contact, u = a.contact * (A != 0), a.x["x"] * g["bumps"] / g["length"]
-    shape, wave = laws.bump_envelope(u, contact, g["waveform"], duty), laws.carrier_half(freq, a.fs)
+    shape, step = laws.bump_envelope(u, contact, g["waveform"], duty), freq.astype(np.longdouble) / np.longdouble(a.fs)
+    wave = laws.carried(np.cumsum(step) - step + g["phase"] / (2 * np.longdouble(np.pi)), step, g["rectify"])
     if a.part.span is None:
         a.e.curves |= {"envelope": shape, "carrier": wave}
         edges = np.flatnonzero(np.diff(np.floor(u))) + 1
@@ -264,7 +269,7 @@ def _bumps(a: Asked) -> list[Check]:
     checks = [Check("d", f"{name}: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
     checks.append(a.silent("voltage", contact <= 0))
     speed, still = np.diff(u) * a.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all()
-    steady = still and g["limit"] is None and g["displacement"] is None and contact.all()
+    steady = still and g["rectify"] == "half" and g["limit"] is None and g["displacement"] is None and contact.all()
     if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and abs(u[-1] - u[0]) >= 1:
         whole = int(abs(u[-1] - u[0]))
         y = a.y["voltage"][1 : 1 + round(whole / abs(speed[0]) * a.fs)] / top

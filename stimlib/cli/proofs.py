@@ -1,4 +1,4 @@
-"""``verify`` and ``replay``: whether what was written or displayed is what scene and motion ask for."""
+"""``verify`` and ``replay``: whether what was displayed is what scene and motion ask for; ``mutate``: what that would notice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..errors import BadValue
 from . import options as opt
 from .app import command, end, print_json, print_wide
 from .motions import motions_of
-from .scene import run_files, scene_of, touching
+from .scene import SceneText, params_of, run_files, scene_of, touching
 
 
 @command("verify", motions=motions_of)
@@ -124,3 +124,36 @@ def replay(
     else:
         print(result)
     end(result.matches)
+
+
+@command("mutate", motions=motions_of)
+def mutate_(
+    motions: Any,
+    scene: SceneText,
+    fs: opt.Rate = 8000.0,
+    seconds: Annotated[float, typer.Option(help="Length of each rendering; a short one that uses every number will do.")] = 1.0,
+    seed: opt.Seed = 0,
+    params: opt.FileParams = [],
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Change every number of a scene, one at a time: which ones would its law refuse?  Exit status 1 where one is missed.
+
+    Each number is taken 1.01 and 1.25 times, with the other sign, as 0 and as 1. "Equal samples" cannot be noticed in this
+    motion: choose one that uses the number. "Within tolerance" and "no law" are what the law of the scene misses.
+
+    [bold]stimlib mutate wall --motion 'sinusoid(0.002, 5)'[/]
+
+    [bold]stimlib mutate my.py:scene --motion 'minimum_jerk(depth=0.02)' --seconds 0.5[/]
+    """
+    run_files(import_)
+    from ..checks.mutate import mutate
+
+    made = scene_of(scene)
+    motion, length = motions(made, ("minimum_jerk",), touching(scene))
+    found = mutate(made, motion, fs, min(seconds, length or seconds), params_of(params), seed)
+    if json_:
+        print_json(found.to_dict())
+    else:
+        print_wide(found)
+    end(found.passed)

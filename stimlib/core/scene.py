@@ -33,7 +33,8 @@ class Scene:
         dictionaries with a row of samples for each, and of the sample rate in Hz.  It returns a dictionary with the wanted row
         of each output that it is about, or (row, tolerance).  Or the name of a shipped scene, whose law it is.
     given : dict, optional
-        The numbers that the law needs besides: those that the scene was asked for.  They are kept in the scene's file.
+        What the scene was asked for: the numbers that the law needs besides, and by their names the values that parameters are
+        to begin with.  They are kept in the scene's file.
 
     Raises
     ------

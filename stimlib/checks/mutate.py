@@ -1,0 +1,228 @@
+"""Which wrong numbers would the laws of a scene refuse?  Each number is changed, one at a time, and the laws are asked."""
+
+from __future__ import annotations
+
+import copy
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.parts import Part
+from ..core.progress import progress
+from ..core.scene import Scene
+from ..errors import StimlibError, shown
+from ..run.rendering import Rendering, render
+from .evidence import gather
+from .scenes import scene_law
+
+CHANGES: dict[str, Callable[[float], float]] = {
+    "1.01 times": lambda v: 1.01 * v,
+    "1.25 times": lambda v: 1.25 * v,
+    "other sign": lambda v: -v,
+    "0": lambda v: 0.0,
+    "1": lambda v: 1.0,
+}
+"""What is done to a number; a whole number that this leaves as it is becomes the next one."""
+REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = "refused", "equal samples", "within tolerance", "no law", "cannot be made"
+
+
+class Mutant(NamedTuple):
+    """A scene with one number changed, and what its laws say of it."""
+
+    where: str  # a block with its field, a parameter, or an argument that was given
+    value: str
+    change: str  # a key of ``CHANGES``
+    outcome: str
+    """"refused"; "equal samples", so nobody could notice; "within tolerance"; "no law", the output that changes has none; "cannot
+    be made", with the error that stimlib raises."""
+    text: str = ""  # the check that refused it, or how near to its limit the nearest came
+
+
+@dataclass(frozen=True, repr=False)
+class Mutations:
+    """All mutants of a scene; ``print`` it for a table."""
+
+    mutants: list[Mutant]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every mutant that changes a sample was refused."""
+        return not any(m.outcome in (WITHIN, NO_LAW) for m in self.mutants)
+
+    def count(self) -> dict[str, int]:
+        """How many mutants there are of each outcome."""
+        return {what: sum(m.outcome == what for m in self.mutants) for what in (REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON data."""
+        return {"passed": self.passed, "count": self.count(), "mutants": [m._asdict() for m in self.mutants]}
+
+    def __repr__(self) -> str:
+        return f"Mutations({', '.join(f'{n} {what}' for what, n in self.count().items())})"
+
+    def __rich__(self) -> Any:
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(title=", ".join(f"{n} {what}" for what, n in self.count().items()), title_justify="left")
+        for column in ("number", "value", "change", "outcome", "check"):
+            table.add_column(column)
+        colours = {REFUSED: "green", WITHIN: "bold red", NO_LAW: "bold red"}
+        for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):  # what was missed first
+            outcome = Text(m.outcome, colours.get(m.outcome, ""))
+            table.add_row(Text(shown(m.where)), m.value, m.change, outcome, Text(shown(m.text)))
+        return table
+
+
+def mutate(
+    scene: Scene,
+    motion: Mapping[str, Any],
+    fs: float = 8000.0,
+    seconds: float = 1.0,
+    params: Mapping[str, float] | None = None,
+    seed: int = 0,
+    bar: bool = True,
+) -> Mutations:
+    """Change every number of a scene, one at a time, and ask the scene's laws whether they would refuse what is rendered then.
+
+    The numbers are the fields of all blocks, the values of the parameters, and the arguments that the scene was asked for. Each
+    is taken 1.01 and 1.25 times, with the other sign, as 0 and as 1; of an array all values at once. The laws know what was asked
+    for and not the changed number. (The law of each block, the checks (f) of `verify`, takes the numbers of the block that it
+    holds, so it cannot see these mistakes: they are what the law of the scene is for.)
+
+    Parameters
+    ----------
+    scene : Scene
+        With a law: a shipped scene, one with ``law=``, or what they were combined into.
+    motion : dict of str to callable or ndarray
+        As `render` takes it. A number that this motion does not use is not tested by it.
+    fs : float
+        Hz.
+    seconds : float
+        Length of each rendering.
+    params : dict of str to float, optional
+        As of `render`.
+    seed : int
+    bar : bool
+        Whether a progress bar is shown, where stderr is a terminal.
+
+    Returns
+    -------
+    Mutations
+        ``mutants``, ``passed``, ``count()``; ``print`` it for a table, what was missed first.
+
+    Raises
+    ------
+    BadValue, UnknownName
+        As of `render`.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.checks.mutate import mutate
+    >>> from stimlib.motion.generators import sinusoid
+    >>> mutate(stimlib.scenes.wall(), {"x": sinusoid(2e-3, 5.0)}, seconds=0.2)
+    Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law, 2 cannot be made)
+    """
+    right = render(scene, motion, fs, seconds, params, seed)
+    changed = list(_changed(scene))
+    found = []
+    with progress("changing numbers", len(changed), bar) as advance:
+        for where, value, change, make in changed:
+            found.append(Mutant(where, value, change, *_outcome(make, motion, right, params, seed)))
+            advance(1)
+    return Mutations(found)
+
+
+def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]]:
+    """Name, value and change of each number, and what makes the scene with it."""
+    from ..scenes import SHIPPED
+
+    if len(scene.parts) == 1 and (make := SHIPPED.get(scene.parts[0].law)) and not scene.parts[0].inputs:
+        given = dict(scene.parts[0].given or {})
+        for name, v in given.items():
+            for change, f in CHANGES.items():
+                if _numbers(v) and not isinstance(v, list) and (new := _applied(v, f)) != v:
+                    more = {n: g for n, g in given.items() if not isinstance(g, (dict, list))} | {name: new}
+                    yield f"argument {name}", _short(v), change, partial(_asked, make, more, scene.parts)
+    data = scene.to_dict()
+    for i, block in enumerate(data["blocks"]):
+        for field, v in block["fields"].items():
+            if field in _references(scene, block["class"]) or not _numbers(v):
+                continue
+            name = block["fields"].get("name")
+            where = f"parameter {name}" if block["class"] == "Param" else f"{block['class']} {i}: {field}"
+            for change, f in CHANGES.items():
+                new = _applied(v, f)
+                if new != v:
+                    other = copy.deepcopy(data)
+                    other["blocks"][i]["fields"][field] = new
+                    yield where, _short(v), change, partial(Scene.from_dict, other)
+
+
+def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:
+    """What a shipped scene is with other arguments, under the law of those that were given."""
+    return Scene(make(**words).outputs, parts)
+
+
+def _references(scene: Scene, kind: str) -> tuple[str, ...]:
+    """The fields of a class that are signals."""
+    from ..core.graph import registry, signals
+
+    return tuple(signals(registry[kind]))
+
+
+def _numbers(v: Any) -> bool:
+    if isinstance(v, list):
+        return bool(v) and all(map(_numbers, v))
+    return isinstance(v, (int, float)) and not isinstance(v, bool)
+
+
+def _applied(v: Any, f: Callable[[float], float]) -> Any:
+    """The change of a number, or of all in a list."""
+    if isinstance(v, list):
+        return [_applied(part, f) for part in v]
+    if isinstance(v, int):
+        return int(f(v)) if int(f(v)) != v else v + 1
+    return f(v)
+
+
+def _short(v: Any) -> str:
+    return f"{v:.6g}" if not isinstance(v, list) else f"{np.size(v)} numbers"
+
+
+def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Rendering, params: Any, seed: int) -> tuple[str, str]:
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        try:
+            wrong = make()
+            if not wrong.inputs.keys() <= motion.keys():
+                return REFUSED, "its inputs are others"
+            its = {n: motion[n] for n in wrong.inputs}
+            made = render(wrong, its, right.fs, right.y.shape[1] / right.fs, params, seed)
+        except StimlibError as e:
+            return NOT_MADE, str(e)
+        if made.outputs != right.outputs:
+            return REFUSED, "its outputs are others"
+        if np.array_equal(made.y, right.y, equal_nan=True) and made.fault is None:
+            return EQUAL, ""
+        if made.fault is not None:
+            return REFUSED, "(e) no fault"
+        checks = [c for c in scene_law(gather(wrong, its, made)) if c.group in "cde"]
+    bad = [c for c in checks if not c.passed]
+    if bad:
+        return REFUSED, f"({bad[0].group}) {bad[0].name}"
+    if not checks:
+        return NO_LAW, ""
+    near = max((c for c in checks if c.limit), key=lambda c: c.measured / c.limit, default=None)
+    moved = [n for n, a, b in zip(right.outputs, made.y, right.y, strict=True) if not np.array_equal(a, b)]
+    held = {c.name.split(":")[0] for c in checks}
+    if not any(any(name.startswith(n) for name in held) for n in moved):
+        return NO_LAW, f"of {', '.join(moved)}"
+    share = math.nan if near is None else near.measured / near.limit
+    return WITHIN, "" if near is None else f"({near.group}) {near.name}: {share:.2g} of its limit"

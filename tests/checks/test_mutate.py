@@ -1,0 +1,80 @@
+"""`mutate` says which wrong numbers the laws of a scene refuse, and what they miss."""
+
+import json
+
+import numpy as np
+import pytest
+from checks.test_parts import SCENES, hands
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.checks.mutate import CHANGES, mutate
+from stimlib.cli.app import app
+from stimlib.core.graph import signals
+
+CHEAP = ["wall", "bumps", "viscoelastic", "detents"]
+
+
+@pytest.mark.parametrize("name", [*CHEAP, *(pytest.param(n, marks=pytest.mark.stress) for n in SCENES if n not in CHEAP)])
+@pytest.mark.filterwarnings("ignore:touch_screen.* are held")
+def test_the_law_of_a_shipped_scene_refuses_every_wrong_number(name):
+    found = mutate(SCENES[name], hands(name), 4000, 0.2)
+    assert found.passed, [m for m in found.mutants if m.outcome in ("within tolerance", "no law")]
+    assert found.count()["refused"] > len(found.mutants) / 3
+
+
+def test_every_number_of_every_block_is_changed():
+    scene = SCENES["impact"]
+    found = mutate(scene, hands("impact"), 2000, 0.05)
+    numbers = {m.where for m in found.mutants}
+    data = scene.to_dict()["blocks"]
+    for i, (block, entry) in enumerate(zip(_order(scene), data, strict=True)):
+        for field, v in entry["fields"].items():
+            if isinstance(v, (int, float)) and not isinstance(v, bool) and field not in signals(type(block)):
+                name = f"parameter {entry['fields']['name']}" if entry["class"] == "Param" else f"{entry['class']} {i}: {field}"
+                assert name in numbers
+    assert {f"argument {n}" for n in ("k", "A", "freq", "decay", "cutoff", "b")} <= numbers
+    assert {m.change for m in found.mutants if m.where == "argument freq"} == set(CHANGES)
+
+
+def _order(scene):
+    from stimlib.core.graph import reach
+
+    return reach(scene.outputs.values())
+
+
+def half(x, p, fs):
+    """Says nothing of the output z, and looks at y no closer than 20 %."""
+    y = p["k"] * x["x"]
+    return {"y": (y, 0.2 * float(np.abs(y).max()))}
+
+
+def lax():
+    x = Input("x")
+    return Scene(
+        {"y": Param("k", 2.0) * x * 3.0 / 3.0, "z": x * constant(5.0) + blocks.where(x > 9.0, constant(7.0), 0.0)}, law=half
+    )
+
+
+def test_what_a_law_misses_is_said_with_the_reason():
+    found = mutate(lax(), {"x": np.sin(np.arange(100.0))}, 1000, 0.1)
+    assert not found.passed
+    of = {(m.where, m.change): (m.outcome, m.text) for m in found.mutants}
+    outcomes = {}
+    for (where, change), (outcome, text) in of.items():
+        outcomes.setdefault(outcome, set()).add((where.split(" ")[0], change, text))
+    assert {"refused", "equal samples", "within tolerance", "no law"} <= set(outcomes)
+    assert any(change == "1.01 times" and "of its limit" in text for _, change, text in outcomes["within tolerance"])
+    assert any("z" in text for *_, text in outcomes["no law"])
+    assert of["parameter k", "1.25 times"][0] == "within tolerance" or of["parameter k", "1.25 times"][0] == "refused"
+
+
+def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatch):
+    run = CliRunner().invoke(app, ["mutate", "wall", "--seconds", "0.1", "--motion", "sinusoid(0.002, 10)", "--json"])
+    data = json.loads(run.stdout)
+    assert run.exit_code == 0 and data["passed"] and data["count"]["refused"] > 10
+    (tmp_path / "mine.py").write_text("from stimlib import Input, Scene\nscene = Scene({'y': 2.0 * Input('x')})\n")
+    run = CliRunner().invoke(app, ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"])
+    assert run.exit_code == 1 and "no law" in run.stdout
+    assert stimlib.checks.mutate.mutate is mutate
