@@ -194,6 +194,9 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
     a = np.longdouble(alpha)
     if scheme == "gl":
         return np.cumprod(np.r_[np.longdouble(1), (j[1:] - a) / j[1:]])
+    if scheme == "straight":  # of the sum of a force that is straight between samples: second differences of j^(2 - alpha)
+        v = j ** (2 - a) * (np.expm1((2 - a) * np.log1p(1 / j)) + np.expm1((2 - a) * np.log1p(-1 / j)))
+        return np.r_[np.longdouble(1), v[1:]] / np.longdouble(math.gamma(3 - alpha))
     v = (j + 1) ** (1 - a) - j ** (1 - a) if alpha < 1 else np.r_[np.longdouble(1), np.zeros(n - 1, np.longdouble)]
     far = j > 100  # the difference of two large powers, without losing digits
     v[far] = j[far] ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j[far]))
