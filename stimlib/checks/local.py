@@ -26,6 +26,7 @@ from .rows import Rows
 
 FIRST, LATER, PLACES = 1 << 14, 1 << 12, 4  # samples that are looked at: the first, and stretches that the seed places
 FADED = 1e-180  # what a loop counts as 0
+GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate
 WIRES = Pick | Tap | Loop | Const
 Row = np.ndarray
@@ -264,7 +265,7 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
                 return none
             if isinstance(made, str):
                 return Held(b, run.where, n, np.inf, made)
-            want, tol = made
+            want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
         samples += part.n - since
         error = max(error, _error(*(np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol))))
     return Held(b, run.where, samples, error)

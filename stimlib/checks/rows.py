@@ -458,15 +458,6 @@ def _button(b, fs, x, y):
 
 
 # Friction ----------------------------------------------------------------------------------------------------------------
-def _ways(x: Row, k: Row, contact: Row) -> Iterator[tuple[int, float, float, float, float]]:
-    """Sample, whether it is the first, its way, and its stiffness and that before it, of all in contact."""
-    for s in touched(contact):
-        last, soft_ = x[s.start], 0.0
-        for n in range(s.start, s.stop):
-            yield n, float(n == s.start), x[n] - last, max(k[n], 0.0), soft_
-            last, soft_ = x[n], max(k[n], 0.0)
-
-
 def _dragged(
     x: Row, k: Row, contact: Row, most: Row, slide: Callable[[int, float, float, float], tuple[float, float]], start: float
 ) -> Row:
@@ -474,30 +465,37 @@ def _dragged(
 
     At a first sample the deflection is 0, and start where that is sample 0.
     """
-    want, z = np.zeros(x.size), 0.0
-    for n, first, way, stiff, was in _ways(x, k, contact):
-        z = (0.0 if n else start) if first else z * min(1.0, was / stiff) if stiff else z
-        top = min(max(most[n], 0.0) / stiff, 1e150) if stiff else 0.0
-        z = min(max(z, -top), top)
-        s = -1.0 if way < 0 else 1.0
-        after, mean = slide(n, s * z, abs(way), top)
-        want[n], z = stiff * s * mean, s * after
-    return want
+    k, want = np.maximum(k, 0), np.zeros(x.size)
+    top = np.where(k > 0, np.minimum(np.maximum(most, 0) / np.where(k > 0, k, 1), 1e150), 0)
+    kept = np.r_[0.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / np.where(k[1:] > 0, k[1:], 1)), 1)]  # of a stiffness that grows
+    for part in touched(contact):
+        z, ways = start if part.start == 0 else 0.0, np.diff(x[part], prepend=x[part.start]).tolist()
+        for n, (way, c, keep) in enumerate(zip(ways, top[part].tolist(), kept[part].tolist(), strict=True), part.start):
+            z = z * keep if n > part.start else z
+            z = c if z > c else -c if z < -c else z
+            if way < 0:
+                after, mean = slide(n, -z, -way, c)
+                z, want[n] = -after, -mean
+            else:
+                z, want[n] = slide(n, z, way, c)
+    return k * want
 
 
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
     """A force that begins at rest; or, where it began before, so far as both ends of what is possible lead to the same."""
     if rest:
         return near(force(0.0), 1e-9)
-    want, tol = near(force(1e290), 1e-9)
-    return want, np.where(np.abs(want - force(-1e290)) < 1e-3 * tol, tol, np.inf)
+    want, tol = near(force(1e200), 1e-9)
+    return want, np.where(np.abs(want - force(-1e200)) < 1e-3 * tol, tol, np.inf)
 
 
 @law("Coulomb", since=1)
 def _coulomb(b, fs, x, y):
     def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
-        stuck = min(a, c - z)
-        return min(z + a, c), ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
+        if z + a <= c:
+            return z + a, z + a / 2
+        stuck = c - z
+        return c, ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
 
     return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
 
