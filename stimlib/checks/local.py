@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..blocks.delay import Delay, DelayParams, DelayState
-from ..blocks.maps import Nonzero
 from ..blocks.noise import White
-from ..core.graph import NONE, Block, Const, Input, Map, Param, Pick, Segment, Subsystem, as_block, reach, signals, type_name
+from ..core.graph import NONE, Block, Const, Input, Map, Param, Pick, Segment, Subsystem, reach, signals, type_name
 from ..core.loops import Last, Loop, Tap
 from ..core.program import lead
 from ..core.scene import Scene
@@ -124,6 +123,8 @@ def held(run: Run) -> list[Held]:
 def _held(run: Run) -> tuple[list[Held], list[Part]]:
     """The blocks, and what was seen of them."""
     blocks = outside(run.scene.outputs.values())
+    if all(isinstance(b, Const) for b in blocks):
+        return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
     gated: list[Any] = [b for b in blocks if isinstance(b, Subsystem)]
     moved = [p for b in gated for p in reach([b.block]) if isinstance(p, Param) and any(p.name == c.name for c in run.changes)]
     seen, whole = _seen(run, blocks, [b.by for b in gated if not isinstance(b.by, Const)], moved)
@@ -176,9 +177,7 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
         for found, those in ((names, parts), (early, before)):
             found[id(b)] = [f"row{len(shown) + k}" for k in range(len(those))]
             shown |= dict(zip(found[id(b)], those, strict=True))
-    # a row that is not finite closes the guard of its output, after which nothing of it is known
-    wrong = reduce(lambda a, b: a + b, (Nonzero(v - v) for v in shown.values()), as_block(0.0))
-    proc = compile(Scene({**shown, "wrong": wrong}), run.fs, seed=run.seed)
+    proc = compile(Scene(shown), run.fs, seed=run.seed)
     place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
     stop = max(lag, run.n if gates or params else run.spans[-1][1])
 
@@ -191,15 +190,14 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
     whole: dict[int, list[Row]] = {id(b): [] for b in (*gates, *params)}
     summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
     past: list[dict[int, int]] = [{} for _ in run.spans]
-    known = stop
     for at, y in walk(proc, motion, stop, [c for c in moves if c.name in proc.params]):
         end = at + y.shape[1]
         for (a, _), out in zip(run.spans, kept, strict=True):
             low, high = max(a, at), min(a + out.shape[1], end)
             out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
-        for b in gates:
+        for b in {id(g): g for g in gates}.values():
             whole[id(b)].append(y[place[names[id(b)][0]]] > 0)
-        for b in params:
+        for b in {id(p): p for p in params}.values():
             whole[id(b)].append(y[place[names[id(b)][0]]].copy())
         for b in (b for b in blocks if id(b) in summed):
             first = b.children[0]
@@ -209,7 +207,7 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
                 if at <= a < end:
                     sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
             summed[id(b)] += int(step.sum())
-        known = min(known, at + int(np.argmax(np.r_[y[-1] != 0, True]))) if y[-1].any() else known
+    known = proc.fault[1] if proc.fault else stop  # a row that is not finite closes the guard of its output
     seen = []
     for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
         n, row_of = max(0, min(z, known) - a), {}
