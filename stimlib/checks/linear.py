@@ -273,6 +273,7 @@ def _series(b, fs):
 
 # The laws ----------------------------------------------------------------------------------------------------------------
 FREE = 1e-10  # of the largest row: what is left beside a state that is not known
+START = 1e-5  # of a state that is drawn: what its factor may lose
 
 
 @lru_cache(32)
@@ -303,18 +304,32 @@ def _linear(b, fs, x, y):
         way = x[0][s] - (x[0][s.start] if type(b).resettable and not (step and k == 0) else 0.0)
         h = made.response(way.size) if isinstance(made, Modes) else made(way.size)
         want[s] = summed(h, way)
-        tol[s] = rounding(b) * np.abs(h).sum() * np.abs(way).max() + 1e-300
+        tol[s] = np.abs(h).sum() * (rounding(b) * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max()) + 1e-300
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
-        elif s.start == 0 and not (x.rest and drawn(b)):
-            want[s] += free(made.L, y[s] - want[s])
+        elif s.start == 0 and (not x.rest or type(b).__name__ == "PinkNoise"):
+            before = free(made.L, y[s] - want[s])
+            if x.rest:
+                began = stationary(b, made, fs, x.seed, y[s].size)
+                before = before if np.abs(before - began).max() < START * np.abs(began).max() else began
+            want[s] += before
             tol[s] += FREE * np.abs(y[s]).max()
     return want, tol
 
 
-def drawn(b: Any) -> bool:
-    """Whether a block begins at rest: pink noise begins in a state that is drawn."""
-    return not isinstance(getattr(b, "white", None), White) or type(b).__name__ != "PinkNoise"
+def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
+    """What pink noise has left of what was before: a state q of the covariance 1/(1 - p p'), drawn by the published generator."""
+    if not isinstance(b.white, White):
+        return np.zeros(n)
+    p = np.exp(made.L).real
+    C = 1 / (1 - np.multiply.outer(p, p))
+    lower = np.zeros(C.shape, LONG)  # Cholesky's factor in extended precision
+    for j in range(p.size):
+        column = C[j:, j] - lower[j:, :j] @ lower[j, :j]
+        lower[j:, j] = column / np.sqrt(column[0])
+    q = lower @ laws.white(seed, *b.white.noise_key, 0, p.size, 1)
+    powers = np.exp(np.multiply.outer(np.arange(n), made.L))
+    return (powers @ (made.r * q)).real.astype(float)
 
 
 def free(L: Row, rest: Row) -> Row:

@@ -254,7 +254,7 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
         else:
             got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
-            got.at, got.rest, got.past = at, not part.at, part.past.get(id(b), 0)
+            got.at, got.rest, got.seed, got.past = at, not part.at, run.seed, part.past.get(id(b), 0)
             since = rows.since(b, run.fs, got) if part.at else 0
             if since >= n:
                 continue

@@ -26,6 +26,7 @@ class Rows(list[Row]):
 
     at = 0  # the sample that they begin with, below 0 where the block begins before sample 0
     rest = True  # whether the block began there
+    seed = 0  # of the run
     past: int = 0  # what ``SUMS`` makes of all samples before, from sample 0 on
 
 
@@ -374,16 +375,20 @@ def _oscillator(b, fs, x, y):
 # Places ------------------------------------------------------------------------------------------------------------------
 @law("LinearBump", "SineBump", since=1)
 def _bump(b, fs, x, y):
-    u, d, contact = x[0], np.clip(x[1], 1e-6, 1), x[2]
-    if b.sampling == "area":
-        return laws.bump_envelope(u, contact, b.waveform, d), 1e-6 + 1e-14 / d**2  # of a narrow ridge the integral has few digits
-    z = (u - np.floor(u)) / d
-    k = np.pi * d
+    d = np.clip(x[1], 1e-6, 1)
+    last = before(x[0], x[2]) if b.sampling == "area" else x[0]
+    (a, u), way = ((v - np.floor(v) for v in (last, x[0])), np.abs(x[0] - last))
+    still = (way < 1e-5 * d) & (np.floor(last) == np.floor(x[0])) & ((a < d) == (u < d))  # the value in the middle is the mean
+    z, k = np.where(still, (a + u) / 2, u) / d, np.pi * d
     wave = {
         "square": np.ones(z.size), "sawtooth": z, "half_sine": np.sin(np.pi * z),
-        "sine": (np.cos(2 * k * (z - 0.5)) - np.cos(k)) / (1 - np.cos(k)),
+        "sine": 2 * np.sin(k * z) * np.sin(k * (1 - z)) / (1 - np.cos(k)),
     }[b.waveform]  # fmt: skip
-    return np.where((contact > 0) & (z < 1), wave, 0), np.where(np.abs(z - 1) < TIE, np.inf, 1e-9)
+    ends = [laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble)) for v in (last, x[0])]
+    mean = (ends[1] - ends[0]) / np.where(still, 1, x[0].astype(np.longdouble) - last)
+    want = np.where(still, np.where(z < 1, wave, 0), mean.astype(float))
+    lost = 4e-19 * (1 + np.abs(x[0])) / (d * np.maximum(way, 1e-5 * d))  # of a difference of integrals
+    return np.where(x[2] > 0, want, 0), np.where(still & (np.abs(z - 1) < TIE), np.inf, 1e-9 + lost)
 
 
 @law("TableBump", since=1)
@@ -723,7 +728,10 @@ def _cursor(b, fs, x, y):
     ratio = soft.speed_ratio(S(*((last + y) / 2)))
     want = np.where(first, hand, np.where(on, last + ratio * way, last))
     scale = max(float(np.abs(way[:, on & ~first]).max(initial=0.0)), 1e-6)
-    return want, np.where(on & (np.hypot(*way) * soft.steepest(S, last, way) > 0.5), np.inf, 1e-9 * scale)
+    table, width, height = soft.table_of(b)
+    piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
+    far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
+    return want, np.where(on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, 1e-9 * scale)
 
 
 @law("CursorFrames")

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from contract import TABLE, Lagging, ours
+from stress import compositions, mutants
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.checks import local, rows
 from stimlib.motion.generators import sinusoid
+from stimlib.run.processor import Change
 
 N, FS = 1500, 8000.0
 WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "Segment", "White"}  # in ``local`` itself
@@ -48,6 +50,66 @@ def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypa
     assert not [h for h in found if not h.error <= 1]
     assert {h.why for h in found if not isinstance(h.block, Lagging)} <= {""}
     assert not [(block, name) for block, name in blind if not isinstance(block, Lagging)]
+
+
+def moves(scene, n):
+    """Changes of parameters, at once and along ramps."""
+    rng = np.random.default_rng(3)
+    some = sorted((int(at), name) for name in scene.params for at in rng.integers(1, n, 4))
+    return [Change(at, name, float(rng.uniform(0.2, 0.9)), float(rng.choice([0.0, 0.01, 0.1]))) for at, name in some]
+
+
+LATER = [
+    "enabled_live", "enabled_nested", "enabled_by_param", "segment_nested", "lowpass_slow", "pink_noise", "integrate", "square",
+    "count", "carrier_param", "track_contact", "friction_coulomb", "compliance_chain", "ring_live", "elapsed_gated", "envelope",
+    "white_shared", "springpot_contact", "delay_70",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monkeypatch):
+    """And the samples of one of them 1 part in 1000 larger are refused."""
+    entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
+    run = run_of(entry, n, moves(entry.scene(), n))
+    assert len(run.spans) == 1 + local.PLACES and sum(z - a for a, z in run.spans) == 1 << 15
+    one = local._one
+
+    def watch(block, run, seen):
+        found, rest = one(block, run, seen), seen[-1].rows
+        late = seen[-1]._replace(rows={**rest, id(block): 1.001 * rest[id(block)]})
+        if type(block).__name__ == entry.cls and found.samples > 1 << 14 and late.rows[id(block)].any():
+            spoiled.append(one(block, run, [*seen[:-1], late]).error > 1)
+        return found
+
+    monkeypatch.setattr(local, "_one", watch)
+    assert not [h for h in local.held(run) if not h.error <= 1]
+    assert all(spoiled)
+
+
+def test_what_begins_before_sample_0_is_held_from_there_on(monkeypatch):
+    """Both the noise and what a filter makes of it, 256 samples early; the first of them changed is seen."""
+    run = local.Run(Scene({"y": b.lowpass(b.white_noise(3), 50.0)}), FS, 3, {}, 300, {}, [], [(0, 300)])
+    found, (part,) = local._held(run)
+    assert [part.rows[id(h.block)].size for h in found] == [556, 556] and max(h.error for h in found) <= 1
+    noise, filtered = (h.block for h in found)
+    for block in (noise, filtered):
+        row = part.rows[id(block)].copy()
+        row[0] += 1e-3
+        assert local._one(block, run, [part._replace(rows={**part.rows, id(block): row})]).error > 1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_compositions_are_not_refused(seed):
+    """The short form of ``tests/stress/compositions.py``."""
+    found = compositions.refused(seed)
+    assert found is None or not found[0]
+
+
+@pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])
+def test_a_wrong_step_or_design_is_refused(cls):
+    """The short form of ``tests/stress/mutants.py``: in compositions that no scene is."""
+    said = list(mutants.sampled(cls, 2))
+    assert {what for _, what in said} <= {"caught", "equal", "rounding"} and "caught" in {what for _, what in said}, said
 
 
 SQUARE = """
@@ -93,6 +155,6 @@ def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
     assert report.passed
     names = {c.name for c in report.checks if c.group == "f"}
     assert names == {"inputs and parameters", "arithmetic", "SineBump", "Carrier", "Springpot"}
-    wave = rows.laws.bump_envelope
-    monkeypatch.setattr(rows.laws, "bump_envelope", lambda *of: 0.999 * wave(*of))
+    ridges = rows.laws.ridge_sum
+    monkeypatch.setattr(rows.laws, "ridge_sum", lambda *of: 0.999 * ridges(*of))
     assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == ["SineBump"]

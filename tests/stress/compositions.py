@@ -19,7 +19,7 @@ from stimlib.run.processor import Change
 
 RATES = 1000.0, 4000.0, 8000.0, 44100.0
 EVENTS = {"sparse"}  # of these an input of an entry is made of nothing else
-ENTRIES = [e for e in TABLE if e.name not in ("squeeze", "bumps")]  # which have inputs of their own
+ENTRIES = [e for e in TABLE if e.name not in ("squeeze", "bumps", "guard")]  # two have inputs of their own, one is of outputs
 
 
 def plain(block: Block) -> Block:

@@ -1,7 +1,7 @@
-"""Would ``verify`` notice a wrong step or design?  Five changes of the text of each class, inside compositions that no scene is.
+"""Would ``verify`` notice a wrong step or design?  Five changes of the text of each class, in compositions that no scene is.
 
-``python tests/stress/mutants.py [WORD]``: a constant 1e-3 larger, a sum for a difference, a sign, a comparison that takes the edge
-along, two sides exchanged, an index one later; of the classes that have WORD in their name.
+``python tests/stress/mutants.py [WORD]``: a constant or number 1e-3 larger, a sum for a difference, a sign, a comparison that
+takes the edge along, two sides exchanged, one more sample; of the classes that have WORD in their name.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ def changes(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
             at.op = ast.UAdd()
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "where":
             at.args[1:] = at.args[:0:-1]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("round", "math.floor", "math.ceil"):
+            at.args[0] = ast.BinOp(at.args[0], ast.Add(), ast.Constant(1.0))
         elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "p" and isinstance(node.ctx, ast.Load):
             for parent in ast.walk(new):
                 for field, v in ast.iter_fields(parent):
@@ -77,7 +79,12 @@ def functions(cls: type) -> Iterator[tuple[Any, str, Any]]:
             owner = next((c for c in owner.__mro__ if name in c.__dict__), None)
         f = inspect.getattr_static(owner, name, None)
         f = getattr(f, "__func__", f)
-        if not inspect.isfunction(f) or f in seen or f.__module__ in ("stimlib.core.graph", "stimlib.core.maths") or f.__name__ == "lead":
+        if (
+            not inspect.isfunction(f)
+            or f in seen
+            or f.__module__ in ("stimlib.core.graph", "stimlib.core.maths")
+            or f.__name__ == "lead"
+        ):
             continue
         seen.add(f)
         yield owner, name, f
@@ -129,7 +136,8 @@ def held(cls: str) -> tuple[list[local.Held], np.ndarray]:
     scene, x, fs = composed(cls)
     params = {name: p.value for name, p in scene.params.items()}
     seen = local._held(local.Run(scene, fs, 3, x, N, params, [], [(0, N)]))
-    return [*seen[0], *responses(scene, fs)], seen[1][0].rows[id(scene.outputs["y"])]
+    faults = [local.Held(scene.outputs["y"], "", N, np.inf if seen[1][0].n < N else 0.0)]  # check (e)
+    return [*seen[0], *responses(scene, fs), *faults], seen[1][0].rows[id(scene.outputs["y"])]
 
 
 def responses(scene: Scene, fs: float) -> Iterator[local.Held]:
