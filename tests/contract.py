@@ -751,7 +751,7 @@ def ours() -> dict[str, type[Block]]:
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):
         if m.name.split(".")[1] not in ("checks", "cli", "__main__") and m.name not in TEXTS:
             importlib.import_module(m.name)
-    return {n: c for n, c in registry.items() if c.__module__.split(".")[0] == "stimlib"}
+    return {n: c for n, c in registry.items() if c.__module__.split(".")[0] == "stimlib" and ".checks." not in c.__module__}
 
 
 def missing() -> set[str]:

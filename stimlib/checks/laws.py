@@ -33,8 +33,10 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[An
     return a, b, c, d
 
 
-def white(run_seed: int, seed: int, stream: int, first: int, n: int) -> np.ndarray:
+def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 0) -> np.ndarray:
     """Samples first .. first + n - 1 of white_noise(seed, stream) in a run, by the mathematical library; first is even.
+
+    Those of the use 1 are the deviates of stationary starts.
 
     Examples
     --------
@@ -42,7 +44,7 @@ def white(run_seed: int, seed: int, stream: int, first: int, n: int) -> np.ndarr
     >>> white(0, 1, 0, 0, 3).round(4), white(0, 1, 0, 2, 1).round(4)
     (array([-0.1447,  0.7181, -1.1658]), array([-1.1658]))
     """
-    w = philox((seed & LOW, seed >> 32, stream, 0), (run_seed & LOW, run_seed >> 32))
+    w = philox((seed & LOW, seed >> 32, stream, use), (run_seed & LOW, run_seed >> 32))
     pairs, y = (n + 1) // 2, np.empty(n + 1)
     for at in range(0, pairs, 1 << 14):  # a stretch fits into the cache
         size = min(1 << 14, pairs - at)
@@ -194,6 +196,9 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
     a = np.longdouble(alpha)
     if scheme == "gl":
         return np.cumprod(np.r_[np.longdouble(1), (j[1:] - a) / j[1:]])
+    if scheme == "straight":  # of the sum of a force that is straight between samples: second differences of j^(2 - alpha)
+        v = j ** (2 - a) * (np.expm1((2 - a) * np.log1p(1 / j)) + np.expm1((2 - a) * np.log1p(-1 / j)))
+        return np.r_[np.longdouble(1), v[1:]] / np.longdouble(math.gamma(3 - alpha))
     v = (j + 1) ** (1 - a) - j ** (1 - a) if alpha < 1 else np.r_[np.longdouble(1), np.zeros(n - 1, np.longdouble)]
     far = j > 100  # the difference of two large powers, without losing digits
     v[far] = j[far] ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j[far]))
@@ -250,6 +255,11 @@ def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
     return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (1 - np.cos(pi * d))
 
 
+def ridge_sum(waveform: str, u: Any, d: Any) -> Any:
+    """Integral of the envelope from 0 to u."""
+    return np.floor(u) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(waveform, u - np.floor(u), d)
+
+
 def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray) -> np.ndarray:
     """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n (touch-screen thesis, figure 4.1); 0 off contact."""
     u, d = u.astype(np.longdouble), duty.astype(np.longdouble)
@@ -259,9 +269,6 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     before[first] = u[first]
     du = u - before
 
-    def integral(z):
-        return np.floor(z) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(waveform, z - np.floor(z), d)
-
     same = (np.floor(u) == np.floor(before)) & ((u - np.floor(u) < d) == (before - np.floor(before) < d))
     same |= waveform in ("sine", "half_sine")  # they have no edges
     still = (np.abs(du) < 1e-8) & same  # the value there: a difference of integrals would have no digits left
@@ -270,7 +277,7 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     tiny = np.longdouble(1e-9)
     ahead = (low + tiny > 1) | ((low < d) & (low + tiny > d))  # an edge is so near that a small step goes the other way
     step = np.where(still, np.where(ahead, -tiny, tiny), du)
-    e = (integral(low + step) - integral(low)) / step
+    e = (ridge_sum(waveform, low + step, d) - ridge_sum(waveform, low, d)) / step
     return np.where(touching, e, 0).astype(float)
 
 

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..blocks.maps import Nonzero
+from ..blocks.delay import Delay, DelayParams, DelayState
 from ..blocks.noise import White
-from ..core.graph import Block, Const, Enabled, Input, Map, Param, Pick, Segment, Subsystem, as_block, reach, signals, type_name
+from ..core.graph import NONE, Block, Const, Input, Map, Param, Pick, Segment, Subsystem, reach, signals, type_name
 from ..core.loops import Last, Loop, Tap
+from ..core.program import lead
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..run.processor import Change, compile
-from ..run.walk import samples
+from ..run.walk import walk
 from . import laws, rows
+from . import linear as linear  # it enters its laws into those of rows
 from .evidence import Check, Evidence, ramped
+from .rows import Rows
 
-MOST = 1 << 15  # samples that are looked at, from the first on
+FIRST, LATER, PLACES = 1 << 14, 1 << 12, 4  # samples that are looked at: the first, and stretches that the seed places
 FADED = 1e-180  # what a loop counts as 0
+GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate
 WIRES = Pick | Tap | Loop | Const
+Row = np.ndarray
 
 
 class Held(NamedTuple):
@@ -35,9 +41,52 @@ class Held(NamedTuple):
     why: str = ""  # it is not held
 
 
+class Run(NamedTuple):
+    """What runs on one clock."""
+
+    scene: Scene
+    fs: float
+    seed: int
+    x: Mapping[str, np.ndarray]  # the samples of each input
+    n: int
+    params: dict[str, float]  # at the first sample
+    changes: Sequence[Change]  # of parameters, by sample
+    spans: Sequence[tuple[int, int]]  # the samples that are looked at: the first ones, and others
+    where: str = ""  # the subsystems that it is in
+
+
+class Part(NamedTuple):
+    """What was seen of one span."""
+
+    at: int  # its first sample
+    n: int
+    rows: dict[int, Row]  # of each block; in the first span from before sample 0 on, where the block begins there
+    past: dict[int, int]  # ``rows.SUMS`` of the samples before
+
+    def row(self, b: Block, n: int) -> Row:
+        """The last n samples of a signal."""
+        return np.full(n, b.value) if isinstance(b, Const) else self.rows[id(b)][..., self.rows[id(b)].shape[-1] - n :]
+
+    def early(self, b: Block, fs: float) -> int:
+        """How many samples of a block's row are before sample 0."""
+        return lead(fs) if b.autonomous and not self.at else 0
+
+
+@dataclass(frozen=True, eq=False)
+class Early(Block):
+    """A signal as late as it begins before sample 0: all that came before comes first."""
+
+    x: Block
+    step = staticmethod(Delay.step)
+
+    def design(self, fs):
+        return DelayParams(float(lead(fs))), DelayState(np.zeros(lead(fs)), NONE)
+
+
 def blocks_held(e: Evidence) -> list[Check]:
     """A check for each class of block; what has no law, or could not be seen, goes to ``skipped``."""
-    found = held(e.scene, e.fs, e.seed, dict(zip(e.proc.inputs, e.x, strict=True)), e.x.shape[1], e.params, e.changes)
+    x = dict(zip(e.proc.inputs, e.x, strict=True))
+    found = held(Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed)))
     for kind in dict.fromkeys((type_name(type(h.block)), h.why) for h in found if h.why):
         same = [h for h in found if (type_name(type(h.block)), h.why) == kind]
         e.skipped.append(f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}: {kind[1]}")
@@ -51,6 +100,14 @@ def blocks_held(e: Evidence) -> list[Check]:
     return checks
 
 
+def spans(n: int, seed: int) -> list[tuple[int, int]]:
+    """The stretches that are looked at: all of a short run; of a long one its beginning, and others drawn by its seed."""
+    if n <= FIRST + PLACES * LATER:
+        return [(0, n)]
+    free = np.sort(np.random.default_rng([seed, n]).integers(0, n - FIRST - PLACES * LATER + 1, PLACES)) + FIRST
+    return [(0, FIRST), *((int(a), int(a) + LATER) for a in free + LATER * np.arange(PLACES))]
+
+
 def _group(b: Block) -> str:
     """What a block is listed under."""
     if isinstance(b, Input | Param):
@@ -58,47 +115,37 @@ def _group(b: Block) -> str:
     return "arithmetic" if isinstance(b, Map) and type_name(type(b)) in rows.LAWS else type_name(type(b))
 
 
-def held(
-    scene: Scene,
-    fs: float,
-    seed: int,
-    x: Mapping[str, np.ndarray],
-    n: int,
-    params: dict[str, float],
-    changes: Sequence[Change],
-    where: str = "",
-) -> list[Held]:
-    """Every block of a scene, also those in its subsystems, each on its own clock.
+def held(run: Run) -> list[Held]:
+    """Every block of a scene, also those in its subsystems, each on its own clock."""
+    return _held(run)[0]
 
-    Parameters
-    ----------
-    scene : Scene
-    fs : float
-        Hz.
-    seed : int
-    x : dict of str to ndarray, shape (n,)
-        The samples of each input.
-    n : int
-    params : dict of str to float
-        At the first sample.
-    changes : list of Change
-        Of parameters, by sample.
-    where : str
-        What the scene is the inside of.
-    """
-    blocks = outside(scene.outputs.values())
-    moves = [*(Change(0, name, float(v), 0.0) for name, v in params.items()), *changes]
-    seen, n = _seen(scene, blocks, fs, seed, x, n, moves)
+
+def _held(run: Run) -> tuple[list[Held], list[Part]]:
+    """The blocks, and what was seen of them."""
+    blocks = outside(run.scene.outputs.values())
+    if all(isinstance(b, Const) for b in blocks):
+        return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
+    gated: list[Any] = [b for b in blocks if isinstance(b, Subsystem)]
+    moved = [p for b in gated for p in reach([b.block]) if isinstance(p, Param) and any(p.name == c.name for c in run.changes)]
+    seen, whole = _seen(run, blocks, [b.by for b in gated if not isinstance(b.by, Const)], moved)
     found = []
     for b in blocks:
         if isinstance(b, Loop):
-            want = np.r_[b.last.first, seen[id(b.body)][:-1]]  # type: ignore[attr-defined]
-            found.append(Held(b.last, where, n, _error(seen[id(b.last)], want, FADED)))
+            found.append(_fed_back(b, run, seen))
         elif isinstance(b, Subsystem):
-            found += _inside(b, seen, fs, seed, {k: v[:n] for k, v in x.items()}, params, changes, where)
+            found += _inside(b, run, seen, whole)
         elif not isinstance(b, WIRES | Last):
-            found.append(_one(b, seen, fs, seed, x, params, changes, where, n))
-    return found
+            found.append(_one(b, run, seen))
+    return found, seen
+
+
+def _fed_back(b: Any, run: Run, seen: list[Part]) -> Held:
+    """The last value of a loop against what its body made."""
+    error, last = 0.0, b.last
+    for part in (part for part in seen if part.n):
+        y, body = part.row(last, part.n), part.row(b.body, part.n)
+        error = max(error, _error(y, np.r_[y[0] if part.at else last.first, body[:-1]], FADED))
+    return Held(last, run.where, sum(part.n for part in seen), error)
 
 
 def outside(roots: Iterable[Block]) -> list[Block]:
@@ -112,33 +159,65 @@ def outside(roots: Iterable[Block]) -> list[Block]:
     return [b for b in reach(list(roots)) if id(b) in found]
 
 
-def _seen(
-    scene: Scene, blocks: list[Block], fs: float, seed: int, x: Mapping[str, np.ndarray], n: int, changes: Sequence[Change]
-):
-    """The row of each block, and how many samples are known of all: to where one is not finite, or too many would be kept."""
+def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequence[Block]) -> tuple[list[Part], dict[int, Row]]:
+    """The rows of each block in each span; and at all samples where gates were open, and the values of these parameters.
+
+    They end where one is not finite.
+    """
     around = _loops(blocks)
     shown: dict[str, Block] = {}
-    names: dict[int, list[str]] = {}
-    for b in blocks:
+    names: dict[int, list[str]] = {}  # of the rows of each block
+    early: dict[int, list[str]] = {}  # the same, ``Early``
+    for b in (*blocks, *params):
         if isinstance(b, Const):
             continue
-        parts = [Pick(b, name) for name in b.outputs] if b.outputs else [b]
-        names[id(b)] = [f"row{len(shown) + k}" for k in range(len(parts))]
-        shown |= dict(zip(names[id(b)], (reduce(lambda v, loop: Tap(loop, v), around[id(b)], p) for p in parts), strict=True))
-    # a row that is not finite closes the guard of its output, after which nothing of it is known
-    wrong = reduce(lambda a, b: a + b, (Nonzero(v - v) for v in shown.values()), as_block(0.0))
-    n = min(n, MOST)
-    y = _run(Scene({**shown, "wrong": wrong}), fs, seed, x, n, changes)
-    n = int(np.argmax(np.r_[y[-1] != 0, True]))
-    at = {name: y[k, :n] for k, name in enumerate(shown)}
-    rows_of = {key: at[name[0]] if len(name) == 1 else np.array([at[v] for v in name]) for key, name in names.items()}
-    return rows_of | {id(b): np.full(n, b.value) for b in blocks if isinstance(b, Const)}, n
+        parts: list[Block] = [Pick(b, name) for name in b.outputs] if b.outputs else [b]
+        parts = [reduce(lambda v, loop: Tap(loop, v), around.get(id(b), []), p) for p in parts]
+        before: list[Block] = [Early(p) for p in parts] if b.autonomous else []
+        for found, those in ((names, parts), (early, before)):
+            found[id(b)] = [f"row{len(shown) + k}" for k in range(len(those))]
+            shown |= dict(zip(found[id(b)], those, strict=True))
+    proc = compile(Scene(shown), run.fs, seed=run.seed)
+    place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
+    stop = max(lag, run.n if gates or params else run.spans[-1][1])
 
+    def motion(a: int, b: int) -> Row:
+        at = np.minimum(np.arange(a, b), run.n - 1)
+        return np.array([run.x[name][at] for name in proc.inputs]).reshape(len(proc.inputs), b - a)
 
-def _run(scene: Scene, fs: float, seed: int, x: Mapping[str, np.ndarray], n: int, changes: Sequence[Change]) -> np.ndarray:
-    proc = compile(scene, fs, seed=seed)
-    motion = np.array([x[name][:n] for name in proc.inputs]).reshape(len(proc.inputs), n)
-    return samples(proc, motion, n, [c for c in changes if c.name in proc.params])
+    moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
+    kept = [np.empty((len(place), (z if k else max(z, lag)) - a)) for k, (a, z) in enumerate(run.spans)]
+    whole: dict[int, list[Row]] = {id(b): [] for b in (*gates, *params)}
+    summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
+    past: list[dict[int, int]] = [{} for _ in run.spans]
+    for at, y in walk(proc, motion, stop, [c for c in moves if c.name in proc.params]):
+        end = at + y.shape[1]
+        for (a, _), out in zip(run.spans, kept, strict=True):
+            low, high = max(a, at), min(a + out.shape[1], end)
+            out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
+        for b in {id(g): g for g in gates}.values():
+            whole[id(b)].append(y[place[names[id(b)][0]]] > 0)
+        for b in {id(p): p for p in params}.values():
+            whole[id(b)].append(y[place[names[id(b)][0]]].copy())
+        for b in (b for b in blocks if id(b) in summed):
+            first = b.children[0]
+            row = np.full(end - at, first.value) if isinstance(first, Const) else y[place[names[id(first)][0]]]
+            step = rows.SUMS[type_name(type(b))](row, run.fs)
+            for (a, _), sums in zip(run.spans, past, strict=True):
+                if at <= a < end:
+                    sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
+            summed[id(b)] += int(step.sum())
+    known = proc.fault[1] if proc.fault else stop  # a row that is not finite closes the guard of its output
+    seen = []
+    for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
+        n, row_of = max(0, min(z, known) - a), {}
+        for key, its in names.items():
+            row = np.array([out[place[name], :n] for name in its])
+            if early[key] and not a:
+                row = np.hstack([np.array([out[place[name], :lag] for name in early[key]]), row])
+            row_of[key] = row[0] if len(row) == 1 else row
+        seen.append(Part(a, n, row_of, sums))
+    return seen, {key: np.concatenate(row)[: min(known, run.n)] for key, row in whole.items()}
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
@@ -157,42 +236,55 @@ def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
     return found
 
 
-def _one(b: Block, seen: Any, fs: float, seed: int, x: Any, params: Any, changes: Any, where: str, n: int) -> Held:
-    kind, y = type_name(type(b)), seen[id(b)]
-    if isinstance(b, Input):
-        return Held(b, where, n, _error(y, x[b.name][:n], 0.0))
-    if isinstance(b, Param):
-        want = ramped(params[b.name], [c for c in changes if c.name == b.name], fs, n)
-        return Held(b, where, n, _error(y, want, 1e-12 * float(np.abs(want).max(initial=1e-300))))
-    if isinstance(b, White):
-        return Held(b, where, n, _error(y, laws.white(seed, *b.noise_key, 0, n), NOISE))
-    law = type(b).law or rows.LAWS.get(kind)
-    none = "held by its response alone, (a2)" if b.laws(fs) else "no law of its output from its inputs is known"
-    if law is None:
-        return Held(b, where, 0, 0.0, none)
-    if (
-        b.autonomous
-        and not isinstance(b, Map)
-        and (kind in rows.SETTLED or any(c.noise_key for c in reach([b])))
-        and signals(type(b))
-    ):
-        return Held(b, where, 0, 0.0, "it begins before sample 0, where its inputs are not seen")
-    got = [seen[id(getattr(b, s))] for s in signals(type(b))]
+def _one(b: Block, run: Run, seen: list[Part]) -> Held:
+    law, error, samples = type(b).law or rows.LAWS.get(type_name(type(b))), 0.0, 0
+    none = Held(b, run.where, 0, 0.0, "no law of its output from its inputs is known")
+    if law is None and not isinstance(b, Input | Param | White):
+        return none
+    for part in (part for part in seen if part.n):
+        before, since = part.early(b, run.fs), 0
+        n, at, y = part.n + before, part.at - before, part.rows[id(b)]
+        if isinstance(b, Input):
+            want, tol = run.x[b.name][at : at + n], 0.0
+        elif isinstance(b, Param):
+            moves = [c for c in run.changes if c.name == b.name]
+            want = np.r_[np.full(before, b.value), ramped(run.params[b.name], moves, run.fs, part.at + part.n)[part.at :]]
+            tol = 1e-12 * float(np.abs(want).max())
+        elif isinstance(b, White):
+            want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
+        else:
+            got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
+            got.at, got.rest, got.seed, got.past = at, not part.at, run.seed, part.past.get(id(b), 0)
+            since = rows.since(b, run.fs, got) if part.at else 0
+            if since >= n:
+                continue
+            made = _stated(law, b, run.fs, got, y)
+            if made is None:
+                return none
+            if isinstance(made, str):
+                return Held(b, run.where, n, np.inf, made)
+            want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
+        samples += part.n - since
+        error = max(error, _error(*(np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol))))
+    return Held(b, run.where, samples, error)
+
+
+def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | str | None:
+    """What a law gives, and its tolerance; or what is wrong with it; or None, where it covers no such numbers."""
     try:
         with np.errstate(all="ignore"):
             made = law(b, fs, got, y)
     except Exception as error:
         if type(b).law is None:
             raise
-        return Held(b, where, n, np.inf, f"its law raises {type(error).__name__}: {error}")
+        return f"its law raises {type(error).__name__}: {error}"
     if made is None:
-        return Held(b, where, 0, 0.0, none)
+        return None
     want, tol = made if isinstance(made, tuple) else (made, 0.0)
     if np.shape(want) != y.shape:
-        raise BadValue(
-            f"{kind}.law returned the shape {np.shape(want)}, where the block has {y.shape}; return a row for each output"
-        )
-    return Held(b, where, n, _error(y, want, tol))
+        shape = f"returned the shape {np.shape(want)}, where the block has {y.shape}"
+        raise BadValue(f"{type_name(type(b))}.law {shape}; return a row for each output")
+    return want, tol
 
 
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:
@@ -204,29 +296,37 @@ def _error(y: np.ndarray, want: Any, tol: Any) -> float:
     return float(np.max(np.where(same, 0.0, np.where(np.isnan(ratio), np.inf, ratio)), initial=0.0))
 
 
-def _inside(b: Any, seen: Any, fs: float, seed: int, x: Any, params: Any, changes: Any, where: str) -> list[Held]:
+def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[Held]:
     """What a subsystem runs, rendered alone on its own clock: its samples where it runs are the same bits, elsewhere 0."""
-    on, y = seen[id(b.by)] > 0, seen[id(b)]
-    if b.by.autonomous and isinstance(b, Enabled):
-        return [Held(b, where, 0, 0.0, "it runs before sample 0, where its gate is not seen")]
-    at = np.flatnonzero(on)
-    place = f"{where} in {'a segment' if isinstance(b, Segment) else 'enabled'}"
-    if not at.size:
-        return [Held(b, where, y.size, float(np.abs(y).max(initial=0.0) > 0) * np.inf if y.any() else 0.0)]
-    used = {c.name for c in reach([b.block]) if isinstance(c, Param)}
-    moved = [c for c in changes if c.name in used]
-    if any(0 < c.at or c.ramp * fs > 1 for c in moved) and isinstance(b, Enabled):
-        return [Held(b, where, 0, 0.0, "a parameter inside it changed, on a clock of its own")]
-    if any(c.at < at[0] < c.at + max(1, round(c.ramp * fs)) for c in moved):
-        return [Held(b, where, 0, 0.0, "a parameter moved as it began")]
-    values = {name: ramped(params[name], [c for c in moved if c.name == name], fs, at[0] + 1)[-1] for name in used}
-    late = [c._replace(at=c.at - int(at[0])) for c in moved if c.at > at[0]]
-    its = getattr(b, "seed", None)
-    its = seed if its is None else its
-    inner = Scene({"y": b.block})
-    rows_in = {name: x[name][on] for name in inner.inputs}
-    first = [Change(0, name, float(v), 0.0) for name, v in values.items()]
-    alone = _run(inner, fs, its, rows_in, at.size, [*first, *late])[0]
-    want = np.zeros(y.size)
-    want[on] = alone
-    return [Held(b, where, y.size, _error(y, want, 0.0)), *held(inner, fs, its, rows_in, at.size, values, late, place)]
+    before = seen[0].early(b, run.fs)
+    late = np.full(run.n, b.by.value > 0) if isinstance(b.by, Const) else whole[id(b.by)]
+    on = np.r_[seen[0].row(b.by, seen[0].n + before)[:before] > 0, late]
+    at: Any = np.flatnonzero(on)
+    total = at.size
+    if total and at[-1] - at[0] + 1 == total:
+        at = slice(at[0], at[-1] + 1)  # which copies nothing
+    ends = [(part.at + before * (part.at > 0), part.at + before + part.n) for part in seen]
+    inside = [(int(np.count_nonzero(on[:a])), int(np.count_nonzero(on[:z]))) for a, z in ends]
+    found: list[Held] = []
+    alone: list[Part] = []
+    if total:
+        params, changes = {}, []
+        for p in (p for p in reach([b.block]) if isinstance(p, Param)):
+            row = whole.get(id(p), np.full(late.size if before else 1, run.params[p.name]))
+            row = np.r_[np.full(before, p.value), row][at] if row.size > 1 else row
+            params[p.name] = float(row[0])
+            changes += [Change(int(k), p.name, float(row[k]), 0.0) for k in np.flatnonzero(np.diff(row)) + 1]
+        scene, its = Scene({"y": b.block}), getattr(b, "seed", None)
+        where = f"{run.where} in {'a segment' if isinstance(b, Segment) else 'enabled'}"
+        x = {name: run.x[name][: on.size][at] for name in scene.inputs}
+        changes.sort(key=lambda c: c.at)
+        found, alone = _held(Run(scene, run.fs, run.seed if its is None else its, x, total, params, changes, inside, where))
+    error, size = 0.0, 0
+    for k, ((a, z), part) in enumerate(zip(ends, seen, strict=True)):
+        y, want, places = part.rows[id(b)], np.zeros(z - a), np.flatnonzero(on[a:z])
+        if places.size:
+            row = alone[k].row(b.block, alone[k].n)
+            want[places[: row.size]] = row
+            y = y[: places[row.size] if row.size < places.size else None]
+        error, size = max(error, _error(y, want[: y.size], 0.0)), size + y.size
+    return [Held(b, run.where, size, error), *found]

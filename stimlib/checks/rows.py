@@ -1,9 +1,10 @@
 """What each block makes of its input rows, written again in plain numpy: nothing of a block's design or step is used.
 
-``LAWS`` has a function for each class.  It takes the block, the sample rate in Hz, the rows of its input signals and the row that
-was seen.  It returns the row that this should be, and how far from it a correct one may be; or None where the law does not cover
-the block's numbers.  A block of several outputs has several rows.  Most laws use what was seen only where a rounding decides, or
-for the sample before.
+``LAWS`` has a function for each class; ``linear`` adds those of linear blocks.  It takes the block, the sample rate in Hz, the
+rows of its input signals and the row that was seen, from where the block began (``Rows.rest``) or from any later sample on.  It
+returns the row that this should be, and how far from it a correct one may be; or None where the law does not cover the block's
+numbers.  A block of several outputs has several rows.  Most laws use what was seen only where a rounding decides, or for the
+sample before.
 """
 
 from __future__ import annotations
@@ -18,24 +19,43 @@ import numpy as np
 from . import laws, soft, surfaces, touch
 
 Row = np.ndarray
-Rows = list[Row]
+
+
+class Rows(list[Row]):
+    """The rows of a block's signals."""
+
+    at = 0  # the sample that they begin with, below 0 where the block begins before sample 0
+    rest = True  # whether the block began there
+    seed = 0  # of the run
+    past: int = 0  # what ``SUMS`` makes of all samples before, from sample 0 on
+
+
 Law = Callable[[Any, float, Rows, Row], tuple[Row, Any] | None]
 LAWS: dict[str, Law] = {}
+SINCE: dict[str, Callable[[Any, float, Rows], float] | float] = {}
 """By the name of a class."""
-SETTLED = {"Envelope", "Follower", "Ring", "SlewLimit", "StaticLimit", "Svf", "Texture"}
-"""Classes with a memory of what was before sample 0, which their law does not see."""
+FADED = 48.0  # time constants, after which 1e-21 of a state is left
 ULP = 2.0**-52
 TIE = 1e-9  # of a place: so near to an edge either side is right
 
 
-def law(*names: str) -> Callable[[Law], Law]:
-    """Enter a law for the classes of these names."""
+def law(*names: str, since: Callable[[Any, float, Rows], float] | float = math.inf) -> Callable[[Law], Law]:
+    """Enter a law for the classes of these names, and how many samples it must have seen of a block that began before them."""
 
     def enter(f: Law) -> Law:
         LAWS.update(dict.fromkeys(names, f))
+        SINCE.update(dict.fromkeys(names, since))
         return f
 
     return enter
+
+
+def since(b: Any, fs: float, x: Rows) -> int:
+    """The first sample that a law says something of, where its block began before; never is 2^62."""
+    first = SINCE.get(type(b).__name__, math.inf)
+    with np.errstate(all="ignore"):
+        n = first(b, fs, x) if callable(first) else first
+    return math.ceil(n) if n < 2.0**62 else 1 << 62
 
 
 def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
@@ -60,7 +80,9 @@ def _maps(exact: dict[str, Callable], rounded: dict[str, Callable]) -> None:
     def of(f: Callable, ulps: float) -> Law:
         return lambda b, fs, x, y: (w := np.asarray(f(*x), float), ulps * ULP * np.abs(w))
 
-    LAWS.update({name: of(f, 0.0) for name, f in exact.items()} | {name: of(f, 4.0) for name, f in rounded.items()})
+    for fs, ulps in ((exact, 0.0), (rounded, 4.0)):
+        for name, f in fs.items():
+            law(name, since=0)(of(f, ulps))
 
 
 _maps(
@@ -76,7 +98,7 @@ _maps(
 )  # fmt: skip
 
 
-@law("Dent")
+@law("Dent", since=0)
 def _dent(b, fs, x, y):
     rho, d, r = np.abs(x[0]), x[1], b.radius
     foot = np.maximum(2 * r, d)  # where the skirt of a ball that is deeper than its radius ends
@@ -88,13 +110,13 @@ def _dent(b, fs, x, y):
     return near(np.where(d > 0, np.where(rho == 0, d, want), 0))
 
 
-@law("First")
+@law("First", since=1)
 def _first(b, fs, x, y):
-    return np.full(x[0].size, x[0][0]), 0.0
+    return np.full(y.size, x[0][0] if x.rest else y[0]), 0.0
 
 
 # Limits ------------------------------------------------------------------------------------------------------------------
-@law("StaticLimit")
+@law("StaticLimit", since=lambda b, fs, x: FADED * b.tau * fs)
 def _static_limit(b, fs, x, y):
     from scipy.signal import lfilter
 
@@ -105,13 +127,13 @@ def _static_limit(b, fs, x, y):
     return want, (1e-12 + 2.0**-50 * b.tau * fs) * max(float(np.abs(x[0]).max()), 1e-300)
 
 
-@law("SlewLimit")
+@law("SlewLimit", since=1)
 def _slew_limit(b, fs, x, y):
     last = np.r_[0.0, y[:-1]]
     return near(np.clip(x[0], last - b.rate / fs, last + b.rate / fs), 1e-15)
 
 
-@law("Follower")
+@law("Follower", since=1)
 def _follower(b, fs, x, y):
     last = np.r_[0.0, y[:-1]]
     up, down = (1.0 if t * fs <= 1e-3 else 1 - math.exp(-1 / (t * fs)) for t in (b.attack, b.release))
@@ -124,31 +146,31 @@ def sample_of(t: Row, fs: float) -> Row:
     return np.rint(t * fs).astype(np.int64)
 
 
-@law("Time")
+@law("Time", since=0)
 def _time(b, fs, x, y):
-    return np.arange(y.size) / fs, 0.0
+    return np.arange(x.at, x.at + y.size) / fs, 0.0
 
 
-@law("Interval")
+@law("Interval", since=0)
 def _interval(b, fs, x, y):
-    n, first = np.arange(y.size), math.floor(b.begin * fs + 0.5)
+    n, first = np.arange(x.at, x.at + y.size), math.floor(b.begin * fs + 0.5)
     return (n >= first) & (b.duration is None or n < first + math.floor(b.duration * fs + 0.5)), 0.0
 
 
-@law("Every")
+@law("Every", since=0)
 def _every(b, fs, x, y):
     n = sample_of(x[0], fs)
     k = np.arange(int(n.max(initial=0) / (b.period * fs)) + 2)
     return np.isin(n, np.floor(k * (b.period * fs) + 0.5)), 0.0
 
 
-@law("At")
+@law("At", since=0)
 def _at(b, fs, x, y):
     at = np.floor(b.times * fs + 0.5)
     return np.sum(at[:, None] == sample_of(x[0], fs), axis=0) if at.size < 1000 else np.isin(sample_of(x[0], fs), at), 0.0
 
 
-@law("Timeline")
+@law("Timeline", since=0)
 def _timeline(b, fs, x, y):
     t, want = x[0], np.full(y.size, b.values[0])
     for t0, t1, v0, v1 in zip(b.times, b.times[1:], b.values, b.values[1:], strict=False):
@@ -158,7 +180,7 @@ def _timeline(b, fs, x, y):
     return near(np.where(t >= b.times[-1], b.values[-1], want), 1e-13)
 
 
-@law("Chirp")
+@law("Chirp", since=0)
 def _chirp(b, fs, x, y):
     n = sample_of(x[0], fs)
     t, f0, f1 = n / np.longdouble(fs), np.longdouble(b.f0), np.longdouble(b.f1)
@@ -169,7 +191,20 @@ def _chirp(b, fs, x, y):
     return np.where((n >= 0) & (n < b.seconds * fs), want, 0), 1e-12 if linear else 1e-8
 
 
-@law("Playback")
+@law("Scanned", since=0)
+def _scanned(b, fs, x, y):
+    table, n = b.design(fs)[0].samples, 8 * b.samples.size  # ``resampled`` again; two samples before its first
+    u = x[0] * (8 * b.rate)
+    k = np.floor(u)
+    inside = b.loop | ((k >= 0) & (k < n))
+    j = np.arange(6.0)
+    weights = [np.prod([(u - k + 2 - m) / (i - m) for m in j if m != i], axis=0) for i in j]  # Lagrange's
+    first = np.where(inside, k % n, 0).astype(int)
+    want = np.sum([w * table[first + i] for i, w in enumerate(weights)], axis=0)
+    return near(np.where(inside, want, 0), 1e-9)
+
+
+@law("Playback", since=0)
 def _playback(b, fs, x, y):
     from ..design.resample import resampled  # how it keeps waves, tests/blocks/test_events.py says
 
@@ -179,7 +214,7 @@ def _playback(b, fs, x, y):
 
 
 # Events ----------------------------------------------------------------------------------------------------------------
-@law("Edge")
+@law("Edge", since=1)
 def _edge(b, fs, x, y):
     above = x[0] > x[1]
     return np.diff(above, prepend=above[0]) & (above == b.up), 0.0
@@ -200,33 +235,35 @@ def _crossing(b, fs, x, y):
     return want, 1e-9 * max(1.0, float(np.abs(want).max())) if b.split else 0.0
 
 
-@law("Count")
+@law("Count", since=1)
 def _count(b, fs, x, y):
-    return near(np.cumsum(x[0]), 1e-15 * x[0].size)
+    return near(np.cumsum(x[0]) + (0.0 if x.rest else y[0] - x[0][0]), 1e-15 * x[0].size)
 
 
-@law("SampleAndHold")
+@law("SampleAndHold", since=1)
 def _sample_and_hold(b, fs, x, y):
     last = np.maximum.accumulate(np.where(x[1] != 0, np.arange(y.size), -1))
-    return np.where(last >= 0, x[0][last], 0), 0.0
+    return np.where(last >= 0, x[0][last], 0 if x.rest else y[0]), 0.0
 
 
-@law("OnceWithin")
+@law("OnceWithin", since=1)
 def _once_within(b, fs, x, y):
-    want, free, wait = np.zeros(y.size), 0, max(1, round(min(b.refractory * fs, 2.0**62)))
+    want, wait = np.zeros(y.size), max(1, round(min(b.refractory * fs, 2.0**62)))
+    free = 0 if x.rest else int(np.argmax(np.r_[y != 0, True]))  # the first that was let through is known to be
     for n in np.flatnonzero(x[0]):
         if n >= free:
             want[n], free = x[0][n], n + wait
     return want, 0.0
 
 
-@law("Hysteresis", "Loading")
+@law("Hysteresis", "Loading", since=1)
 def _gate(b, fs, x, y):
     on, off = b.on, b.off
     if on is None or off is None:
         on, off = laws.gate_thresholds(b.resolution, b.v.cutoff, fs)
-    n = np.arange(y.size)
-    return np.maximum.accumulate(np.where(x[0] > on, n, -1)) > np.maximum.accumulate(np.where(x[0] > off, -1, n)), 0.0
+    n, begins = np.arange(y.size), 0 if x.rest else y[0]
+    opened = np.maximum.accumulate(np.where((x[0] > on) | (begins > 0) & (n == 0), n, -1))
+    return opened > np.maximum.accumulate(np.where(x[0] > off, -1, n)), 0.0
 
 
 @law("PulseTrain")
@@ -235,7 +272,7 @@ def _pulse_train(b, fs, x, y):
     steps = {f: int(Fraction(min(max(f, 0.0), fs / 2)) / Fraction(fs) * turn + Fraction(1, 2)) for f in set(x[0].tolist())}
     want, phase, mark = np.zeros(y.size), 0, turn // 2
     for n, (f, jitter) in enumerate(zip(x[0].tolist(), x[1].tolist(), strict=True)):
-        after = phase + steps[f]
+        after = phase + (steps[f] if x.at + n >= 0 else 0)
         want[n] = phase <= mark < after
         if after >= turn:
             after -= turn
@@ -245,7 +282,7 @@ def _pulse_train(b, fs, x, y):
     return want, 0.0
 
 
-@law("Burst")
+@law("Burst", since=lambda b, fs, x: round(b.duration * fs))
 def _burst(b, fs, x, y):
     n, want = round(b.duration * fs), np.zeros(y.size)
     t, ramp = np.arange(n) + 0.5, min(max(0.5, b.ramp * fs), n / 2)
@@ -257,22 +294,24 @@ def _burst(b, fs, x, y):
     return near(want, 1e-13)
 
 
-@law("Envelope")
+@law("Envelope", since=1)
 def _envelope(b, fs, x, y):
-    want, last, stage = np.zeros(y.size), 0.0, "release"
+    want, last, stage = np.zeros(y.size), 0.0 if x.rest else y[0], "release"
+    tol = np.where(x.rest | (np.cumsum(x[0] <= 0) > 0), 1e-9, np.inf)  # in which stage it is, it says where it is released
     level = {"attack": 1 / (1 - math.exp(-1.5)), "decay": b.sustain, "release": 0.0}
     keep = {"attack": b.attack / 1.5, "decay": b.decay, "release": b.release}
     keep = {name: math.exp(-1 / (t * fs)) if t * fs > 1e-3 else 0.0 for name, t in keep.items()}
     for n, gate in enumerate(x[0] > 0):
+        last = last if x.rest else y[max(n - 1, 0)]
         stage = "release" if not gate else "attack" if stage == "release" else stage
         last = level[stage] + keep[stage] * (last - level[stage])
         if stage == "attack" and last >= 1 - 1e-9:
             last, stage = 1.0, "decay"
         want[n] = last
-    return want, 1e-9
+    return want, tol
 
 
-@law("Ring")
+@law("Ring", since=lambda b, fs, x: FADED * max(1.0, fs * float(x[2].max())))
 def _ring(b, fs, x, y):
     pole = np.exp(-1 / (fs * np.maximum(x[2], 1 / fs)) + 2j * np.pi * np.clip(x[1] / fs, 0, 0.5))
     q, want = 0j, np.zeros(y.size, complex)
@@ -287,16 +326,27 @@ def _vibration(b, fs, x, y):
 
 
 # Waves ---------------------------------------------------------------------------------------------------------------------
-def turns_of(freq: Row, fs: float, phase: float) -> tuple[Row, Row]:
-    """Turns at each sample, and those that each sample takes, in extended precision."""
-    step = np.clip(np.nan_to_num(freq), 0, fs / 2).astype(np.longdouble) / np.longdouble(fs)
-    t = np.cumsum(step) - step + phase / (2 * np.longdouble(math.pi))
-    return t - np.floor(t), step
+def turning(freq: Row, fs: float) -> Row:
+    """Turns that each sample takes, in 2^-64: a sum of them loses nothing."""
+    return np.rint(np.clip(np.nan_to_num(freq), 0, fs / 2).astype(np.longdouble) / np.longdouble(fs) * 2.0**64).astype(np.uint64)
 
 
-@law("Carrier")
+SUMS = {"Carrier": turning, "Oscillator": turning}
+"""What is added up of a block's first row before a stretch that begins later."""
+
+
+def turns_of(x: Rows, fs: float, phase: float) -> tuple[Row, Row]:
+    """Turns at each sample, which count from sample 0 on, and those that each sample takes."""
+    step = turning(x[0], fs)
+    counted = np.where(np.arange(x.at, x.at + step.size) < 0, np.uint64(0), step)
+    t = (np.cumsum(counted) - counted + np.uint64(x.past % 2**64)).astype(np.longdouble) / 2.0**64
+    t += phase / (2 * np.longdouble(math.pi))
+    return t - np.floor(t), step.astype(np.longdouble) / 2.0**64
+
+
+@law("Carrier", since=0)
 def _carrier(b, fs, x, y):
-    t, step = turns_of(x[0], fs, b.phase)
+    t, step = turns_of(x, fs, b.phase)
     want = laws.carried(t, step, b.rectify)
     return np.where(x[1] > 0, want, 0), 1e-11
 
@@ -312,9 +362,9 @@ WAVES: dict[str, tuple[Callable, Callable]] = {  # of turns 0 .. 1: the wave, it
 }
 
 
-@law("Oscillator")
+@law("Oscillator", since=0)
 def _oscillator(b, fs, x, y):
-    t, step = turns_of(x[0], fs, b.phase)
+    t, step = turns_of(x, fs, b.phase)
     wave, integral = WAVES[b.waveform]
     d = np.clip(x[1], 0, 1).astype(np.longdouble)
     still = step == 0
@@ -323,21 +373,25 @@ def _oscillator(b, fs, x, y):
 
 
 # Places ------------------------------------------------------------------------------------------------------------------
-@law("LinearBump", "SineBump")
+@law("LinearBump", "SineBump", since=1)
 def _bump(b, fs, x, y):
-    u, d, contact = x[0], np.clip(x[1], 1e-6, 1), x[2]
-    if b.sampling == "area":
-        return laws.bump_envelope(u, contact, b.waveform, d), 1e-6 + 1e-14 / d**2  # of a narrow ridge the integral has few digits
-    z = (u - np.floor(u)) / d
-    k = np.pi * d
+    d = np.clip(x[1], 1e-6, 1)
+    last = before(x[0], x[2]) if b.sampling == "area" else x[0]
+    (a, u), way = ((v - np.floor(v) for v in (last, x[0])), np.abs(x[0] - last))
+    still = (way < 1e-5 * d) & (np.floor(last) == np.floor(x[0])) & ((a < d) == (u < d))  # the value in the middle is the mean
+    z, k = np.where(still, (a + u) / 2, u) / d, np.pi * d
     wave = {
         "square": np.ones(z.size), "sawtooth": z, "half_sine": np.sin(np.pi * z),
-        "sine": (np.cos(2 * k * (z - 0.5)) - np.cos(k)) / (1 - np.cos(k)),
+        "sine": 2 * np.sin(k * z) * np.sin(k * (1 - z)) / (1 - np.cos(k)),
     }[b.waveform]  # fmt: skip
-    return np.where((contact > 0) & (z < 1), wave, 0), np.where(np.abs(z - 1) < TIE, np.inf, 1e-9)
+    ends = [laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble)) for v in (last, x[0])]
+    mean = (ends[1] - ends[0]) / np.where(still, 1, x[0].astype(np.longdouble) - last)
+    want = np.where(still, np.where(z < 1, wave, 0), mean.astype(float))
+    lost = 4e-19 * (1 + np.abs(x[0])) / (d * np.maximum(way, 1e-5 * d))  # of a difference of integrals
+    return np.where(x[2] > 0, want, 0), np.where(still & (np.abs(z - 1) < TIE), np.inf, 1e-9 + lost)
 
 
-@law("TableBump")
+@law("TableBump", since=1)
 def _table_bump(b, fs, x, y):
     u, d, contact = x[0].astype(np.longdouble), np.clip(x[1], 1e-6, 1), x[2]
     v = np.array(b.values)
@@ -360,7 +414,7 @@ def _table_bump(b, fs, x, y):
     return np.where(contact > 0, want, 0), np.where(edge, np.inf, 1e-7 * size / np.minimum(d, 1))
 
 
-@law("Grating")
+@law("Grating", since=1)
 def _grating(b, fs, x, y):
     u, contact = x
     wavelength, depth, _ = b.parts.T
@@ -368,33 +422,33 @@ def _grating(b, fs, x, y):
     return np.where(contact > 0, surfaces.gratings(before(u, contact), u, b.parts), 0), tol
 
 
-@law("SpatialNoise")
+@law("SpatialNoise", since=1)
 def _spatial_noise(b, fs, x, y):
     u, contact = x
     return np.where(contact > 0, surfaces.roughness(before(u, contact), u, b), 0), 1e-9 + 2.0**-40 * np.abs(u) / b.shortest
 
 
-@law("Midpoint")
+@law("Midpoint", since=1)
 def _midpoint(b, fs, x, y):
     return near(np.where(x[1] > 0, (before(x[0], x[1]) + x[0]) / 2, 0), 1e-15)
 
 
-@law("PathLength")
+@law("PathLength", since=1)
 def _path_length(b, fs, x, y):
     want = np.zeros(y.size)
     for k, s in enumerate(touched(x[1])):
-        first = 0.0 if b.onset == "step" and k == 0 else x[0][s.start]
-        want[s] = np.cumsum(np.abs(np.diff(x[0][s], prepend=first)))
+        first = 0.0 if b.onset == "step" and k == 0 and x.rest else x[0][s.start]
+        want[s] = np.cumsum(np.abs(np.diff(x[0][s], prepend=first))) + (0.0 if x.rest or s.start else y[0])
     return near(want, 1e-15 * y.size)
 
 
-@law("Detents")
+@law("Detents", since=1)
 def _detents(b, fs, x, y):
     size = np.abs(x[1]) * (1e-9 + 2.0**-44 * np.abs(x[0]) / b.spacing)
     return touch.detents(x[0], x[2], b.spacing, x[1]), size
 
 
-@law("Wall")
+@law("Wall", since=1)
 def _wall(b, fs, x, y):
     place, k, damping, at, c, contact = x
     speed = (place - before(place, contact)) * fs
@@ -409,35 +463,46 @@ def _button(b, fs, x, y):
 
 
 # Friction ----------------------------------------------------------------------------------------------------------------
-def _ways(x: Row, k: Row, contact: Row) -> Iterator[tuple[int, float, float, float, float]]:
-    """Sample, whether it is the first, its way, and its stiffness and that before it, of all in contact."""
-    for s in touched(contact):
-        last, soft_ = x[s.start], 0.0
-        for n in range(s.start, s.stop):
-            yield n, float(n == s.start), x[n] - last, max(k[n], 0.0), soft_
-            last, soft_ = x[n], max(k[n], 0.0)
+def _dragged(
+    x: Row, k: Row, contact: Row, most: Row, slide: Callable[[int, float, float, float], tuple[float, float]], start: float
+) -> Row:
+    """Force of a spring whose deflection is held within most/k; slide gives it at the end of a way, and in the mean.
+
+    At a first sample the deflection is 0, and start where that is sample 0.
+    """
+    k, want = np.maximum(k, 0), np.zeros(x.size)
+    top = np.where(k > 0, np.minimum(np.maximum(most, 0) / np.where(k > 0, k, 1), 1e150), 0)
+    kept = np.r_[0.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / np.where(k[1:] > 0, k[1:], 1)), 1)]  # of a stiffness that grows
+    for part in touched(contact):
+        z, ways = start if part.start == 0 else 0.0, np.diff(x[part], prepend=x[part.start]).tolist()
+        for n, (way, c, keep) in enumerate(zip(ways, top[part].tolist(), kept[part].tolist(), strict=True), part.start):
+            z = z * keep if n > part.start else z
+            z = c if z > c else -c if z < -c else z
+            if way < 0:
+                after, mean = slide(n, -z, -way, c)
+                z, want[n] = -after, -mean
+            else:
+                z, want[n] = slide(n, z, way, c)
+    return k * want
 
 
-def _dragged(x: Row, k: Row, contact: Row, most: Row, slide: Callable[[int, float, float, float], tuple[float, float]]) -> Row:
-    """Force of a spring whose deflection is held within most/k; slide gives it at the end of a way, and in the mean."""
-    want, z = np.zeros(x.size), 0.0
-    for n, first, way, stiff, was in _ways(x, k, contact):
-        z = 0.0 if first else z * min(1.0, was / stiff) if stiff else z
-        top = min(max(most[n], 0.0) / stiff, 1e150) if stiff else 0.0
-        z = min(max(z, -top), top)
-        s = -1.0 if way < 0 else 1.0
-        after, mean = slide(n, s * z, abs(way), top)
-        want[n], z = stiff * s * mean, s * after
-    return want
+def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
+    """A force that begins at rest; or, where it began before, so far as both ends of what is possible lead to the same."""
+    if rest:
+        return near(force(0.0), 1e-9)
+    want, tol = near(force(1e200), 1e-9)
+    return want, np.where(np.abs(want - force(-1e200)) < 1e-3 * tol, tol, np.inf)
 
 
-@law("Coulomb")
+@law("Coulomb", since=1)
 def _coulomb(b, fs, x, y):
     def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
-        stuck = min(a, c - z)
-        return min(z + a, c), ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
+        if z + a <= c:
+            return z + a, z + a / 2
+        stuck = c - z
+        return c, ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
 
-    return near(_dragged(x[0], x[2], x[3], x[1], slide), 1e-9)
+    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
 
 
 def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, float]:
@@ -447,12 +512,12 @@ def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, floa
     return c - (c - z) * math.exp(-a / over), c + (c - z) * math.expm1(-a / over) * over / a
 
 
-@law("Dahl")
+@law("Dahl", since=1)
 def _dahl(b, fs, x, y):
-    return near(_dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a)), 1e-9)
+    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z), x.rest)
 
 
-@law("ElastoPlastic")
+@law("ElastoPlastic", since=1)
 def _elasto_plastic(b, fs, x, y):
     def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
         free = min(a, max(b.elastic * c - z, 0.0))
@@ -460,10 +525,10 @@ def _elasto_plastic(b, fs, x, y):
         end, mean = _exponential(z + free, c, c - b.elastic * c, rest)
         return end, (free * (z + free / 2) + rest * mean) / a if a else z
 
-    return near(_dragged(x[0], x[2], x[3], x[1], slide), 1e-9)
+    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
 
 
-@law("LuGre")
+@law("LuGre", since=1)
 def _lugre(b, fs, x, y):
     place, limit, static, k, contact = x
     moved = np.zeros(y.size)
@@ -474,12 +539,17 @@ def _lugre(b, fs, x, y):
         moved[n] = end - z
         return end, mean
 
-    want = _dragged(place, k, contact, static, slide)
     way = np.where(contact > 0, place - before(place, contact), 0)
-    return near(want + fs * (b.damping * np.where(way < 0, -1, 1) * moved + b.viscosity * way), 1e-9)
+
+    def force(z: float) -> Row:
+        return _dragged(place, k, contact, static, slide, z) + fs * (
+            b.damping * np.where(way < 0, -1, 1) * moved + b.viscosity * way
+        )
+
+    return forgotten(force, x.rest)
 
 
-@law("Stribeck")
+@law("Stribeck", since=1)
 def _stribeck(b, fs, x, y):
     v = (x[0] - before(x[0], x[2])) * fs / b.speed
     return near(np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0), 1e-9)
@@ -495,7 +565,7 @@ def _stick_slip(b, fs, x, y):
 
 
 # Tables ------------------------------------------------------------------------------------------------------------------
-@law("Lut", "Polynomial")
+@law("Lut", "Polynomial", since=0)
 def _table(b, fs, x, y):
     from scipy import interpolate
 
@@ -511,7 +581,7 @@ def _table(b, fs, x, y):
     return want, 1e-9 * max(float(np.abs(b.values).max()), float(np.abs(np.nan_to_num(want)).max()), 1e-300)
 
 
-@law("LinearGrid", "CubicGrid")
+@law("LinearGrid", "CubicGrid", since=0)
 def _grid(b, fs, x, y):
     from scipy.interpolate import RectBivariateSpline
 
@@ -540,7 +610,20 @@ def _grid(b, fs, x, y):
     return want, tol
 
 
-@law("Shape")
+@law("Accuracy", since=0)
+def _accuracy(b, fs, x, y):
+    from ..blocks.fractional import bounds_of_orders  # what they are worth, tests/blocks/test_fractional.py says
+
+    knots, bounds = bounds_of_orders(b.tol, b.horizon * fs)
+    return near(np.interp(x[0], knots, (1.02 + 2 * b.tol) * bounds), 1e-9)
+
+
+@law("Guard", since=0)
+def _guard(b, fs, x, y):
+    return x[0], 0.0  # rows end where one is not finite
+
+
+@law("Shape", since=0)
 def _shape(b, fs, x, y):
     from numpy.polynomial import legendre
 
@@ -549,7 +632,13 @@ def _shape(b, fs, x, y):
 
 
 # Filters of live numbers -------------------------------------------------------------------------------------------------
-@law("Svf")
+def _svf_rings(b: Any, fs: float, x: Rows) -> float:
+    slowest = float(np.minimum(x[1], fs / 2 - x[1]).min())
+    wide = max(0.5, float(x[2].max()), 1 / max(float(x[2].min()), 1e-3))
+    return FADED * fs * wide / (math.pi * slowest) if slowest > 0 else math.inf
+
+
+@law("Svf", since=_svf_rings)
 def _svf(b, fs, x, y):
     high, band, low = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "notch": (1, 0, 1)}[b.mode]
     g = np.tan(np.pi * np.clip(x[1] / fs, 0, 0.5)).tolist()
@@ -574,25 +663,27 @@ def _texture(b, fs, x, y):
 POINTS = 64  # at which a sum over the whole history is made
 
 
-@law("Springpot")
+@law("Springpot", since=1)
 def _springpot(b, fs, x, y):
-    if b.scheme == "straight":
-        return None
     want, tol = np.zeros(y.size), np.zeros(y.size)
     for k, s in enumerate(touched(x[1])):
-        step = b.onset == "step" and k == 0
+        step = b.onset == "step" and k == 0 and x.rest
         way = np.r_[0.0, x[0][s]] if step else x[0][s]
         force, size = laws.springpot_convolution(way, fs, b.scheme, b.order)
         want[s], tol[s] = force[int(step) :], (b.tol + 1e-12) * size.max() + 1e-300
+        tol[s] = np.inf if not x.rest and s.start == 0 else tol[s]  # of a contact that began before nothing is said
         tol[s.start + int(b.horizon * fs) : s.stop] = np.inf  # beyond it nothing is said
     return want, tol
 
 
-@law("SpringpotLive")
+@law("SpringpotLive", since=1)
 def _springpot_live(b, fs, x, y):
     want, tol = np.where(x[2] > 0, y, 0), np.full(y.size, 1e-300)
     for k, s in enumerate(touched(x[2])):
-        step = int(b.onset == "step" and k == 0)
+        if not x.rest and s.start == 0:
+            want[s] = y[s]
+            continue
+        step = int(b.onset == "step" and k == 0 and x.rest)
         way, order = np.r_[np.zeros(step), x[0][s]], np.r_[np.zeros(step), x[1][s]]
         at = np.unique(np.linspace(step, way.size - 1, POINTS).astype(int))
         at = at[(order[at] >= 0) & (order[at] <= 1)]
@@ -601,11 +692,14 @@ def _springpot_live(b, fs, x, y):
     return want, tol
 
 
-@law("Downsampled")
+@law("Downsampled", since=1)
 def _downsampled(b, fs, x, y):
     want, tol = np.where(x[1] > 0, y, 0), np.full(y.size, 1e-300)
     for c, s in enumerate(touched(x[1])):
-        way = x[0][s] - (0.0 if b.onset == "step" and c == 0 else x[0][s.start])
+        if not x.rest and s.start == 0:
+            want[s] = y[s]
+            continue
+        way = x[0][s] - (0.0 if b.onset == "step" and c == 0 and x.rest else x[0][s.start])
         for k in np.unique(np.linspace(0, way.size - 1, POINTS).astype(int)):
             m = max(1, math.ceil(k / 100))
             past = way[k::-m].astype(np.longdouble)
@@ -618,14 +712,14 @@ def _downsampled(b, fs, x, y):
     return want, tol
 
 
-@law("Velocity")
+@law("Velocity", since=lambda b, fs, x: 1.3 * FADED * fs / (2 * math.pi * b.cutoff) + 1)
 def _velocity(b, fs, x, y):
     lost = 2.0**-50 / math.expm1(-2 * math.pi * b.cutoff / fs) ** 2  # of digits, by two poles so near to 1
     return near(laws.squeeze_finger(x[0], 0 * x[0], x[1], fs, 0.0, 0.0, b.cutoff, 1.0, 0.0).v, 1e-11 + lost)
 
 
 # Soft objects --------------------------------------------------------------------------------------------------------------
-@law("Cursor")
+@law("Cursor", since=1)
 def _cursor(b, fs, x, y):
     S, on, hand = soft.levels(*soft.table_of(b)), x[2] > 0, np.array(x[:2])
     last = np.c_[np.zeros((2, 1)), y[:, :-1]]
@@ -634,7 +728,10 @@ def _cursor(b, fs, x, y):
     ratio = soft.speed_ratio(S(*((last + y) / 2)))
     want = np.where(first, hand, np.where(on, last + ratio * way, last))
     scale = max(float(np.abs(way[:, on & ~first]).max(initial=0.0)), 1e-6)
-    return want, np.where(on & (np.hypot(*way) * soft.steepest(S, last, way) > 0.5), np.inf, 1e-9 * scale)
+    table, width, height = soft.table_of(b)
+    piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
+    far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
+    return want, np.where(on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, 1e-9 * scale)
 
 
 @law("CursorFrames")

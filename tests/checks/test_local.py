@@ -2,54 +2,114 @@
 
 import numpy as np
 import pytest
-from contract import TABLE, ours
+from contract import TABLE, Lagging, ours
+from stress import compositions, mutants
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.checks import local, rows
-from stimlib.core.graph import Block
 from stimlib.motion.generators import sinusoid
+from stimlib.run.processor import Change
 
 N, FS = 1500, 8000.0
-UNSEEN = {"Accuracy", "Scanned"}  # no law: docs/explanation/verification.rst, (f)
 WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "Segment", "White"}  # in ``local`` itself
-STATED = {"Guard"}  # on outputs, and in what a device gets: tests/laws.py writes it again
 
 
 def entries():
     return [e for e in TABLE if FS in e.rates and e.name != "differentiator_order"]
 
 
-def watched(scene, x):
+def run_of(entry, n=N, changes=(), fs=FS):
+    scene, x = entry.scene(), dict(zip(entry.inputs, entry.x(n, fs, 5), strict=True))
     params = {name: p.value for name, p in scene.params.items()}
-    return local.held(scene, FS, 3, x, N, params, [])
+    return local.Run(scene, fs, 3, x, n, params, changes, local.spans(n, 7))
 
 
-def test_every_class_has_a_law_or_a_reason():
-    linear = {name for name, c in ours().items() if c.laws is not Block.laws}
-    assert ours().keys() == set(rows.LAWS) | linear | UNSEEN | WIRED | STATED
-    assert not (UNSEEN | WIRED | STATED) & set(rows.LAWS)
+def test_every_class_has_a_law():
+    assert ours().keys() == set(rows.LAWS) | WIRED
+    assert not WIRED & set(rows.LAWS)
 
 
 @pytest.mark.parametrize("entry", entries(), ids=lambda e: e.name)
 def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypatch):
     """Its rows 1 part in 1000 larger, of the other sign, and a sample late: whatever changes more than it may is refused."""
-    scene, x = entry.scene(), dict(zip(entry.inputs, entry.x(N, FS, 5), strict=True))
     blind, one = [], local._one
 
-    def watch(block, seen, *rest):
-        found, y = one(block, seen, *rest), seen[id(block)]
-        if not found.why:
-            for name, other in {"size": 1.001 * y, "sign": -y, "late": np.roll(y, 1, axis=-1)}.items():
-                if np.abs(other - y).max() > 1e-5 * np.abs(y).max() and one(block, {**seen, id(block): other}, *rest).error <= 1:
-                    blind.append((block, name))
+    def watch(block, run, seen):
+        found, (part,) = one(block, run, seen), seen
+        y = part.rows[id(block)]
+        for name, other in {"size": 1.001 * y, "sign": -y, "late": np.roll(y, 1, axis=-1)}.items():
+            changed = part._replace(rows={**part.rows, id(block): other})
+            if np.abs(other - y).max() > 1e-5 * np.abs(y).max() and one(block, run, [changed]).error <= 1:
+                blind.append((block, name))
         return found
 
     monkeypatch.setattr(local, "_one", watch)
-    wrong = [h for h in watched(scene, x) if not h.error <= 1]
-    assert not wrong
-    assert not blind
+    found = local.held(run_of(entry))
+    assert not [h for h in found if not h.error <= 1]
+    assert {h.why for h in found if not isinstance(h.block, Lagging)} <= {""}
+    assert not [(block, name) for block, name in blind if not isinstance(block, Lagging)]
+
+
+def moves(scene, n):
+    """Changes of parameters, at once and along ramps."""
+    rng = np.random.default_rng(3)
+    some = sorted((int(at), name) for name in scene.params for at in rng.integers(1, n, 4))
+    return [Change(at, name, float(rng.uniform(0.2, 0.9)), float(rng.choice([0.0, 0.01, 0.1]))) for at, name in some]
+
+
+LATER = [
+    "enabled_live", "enabled_nested", "enabled_by_param", "segment_nested", "lowpass_slow", "pink_noise", "integrate", "square",
+    "count", "carrier_param", "track_contact", "friction_coulomb", "compliance_chain", "ring_live", "elapsed_gated", "envelope",
+    "white_shared", "springpot_contact", "delay_70",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monkeypatch):
+    """And the samples of one of them 1 part in 1000 larger are refused."""
+    entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
+    run = run_of(entry, n, moves(entry.scene(), n))
+    assert len(run.spans) == 1 + local.PLACES and sum(z - a for a, z in run.spans) == 1 << 15
+    one = local._one
+
+    def watch(block, run, seen):
+        found, rest = one(block, run, seen), seen[-1].rows
+        late = seen[-1]._replace(rows={**rest, id(block): 1.001 * rest[id(block)]})
+        if type(block).__name__ == entry.cls and found.samples > 1 << 14 and late.rows[id(block)].any():
+            spoiled.append(one(block, run, [*seen[:-1], late]).error > 1)
+        return found
+
+    monkeypatch.setattr(local, "_one", watch)
+    assert not [h for h in local.held(run) if not h.error <= 1]
+    assert all(spoiled)
+
+
+def test_what_begins_before_sample_0_is_held_from_there_on(monkeypatch):
+    """Both the noise and what a filter makes of it, 256 samples early; the first of them changed is seen."""
+    run = local.Run(Scene({"y": b.lowpass(b.white_noise(3), 50.0)}), FS, 3, {}, 300, {}, [], [(0, 300)])
+    found, (part,) = local._held(run)
+    assert [part.rows[id(h.block)].size for h in found] == [556, 556] and max(h.error for h in found) <= 1
+    noise, filtered = (h.block for h in found)
+    for block in (noise, filtered):
+        row = part.rows[id(block)].copy()
+        row[0] += 1e-3
+        assert local._one(block, run, [part._replace(rows={**part.rows, id(block): row})]).error > 1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_compositions_are_not_refused(seed):
+    """The short form of ``tests/stress/compositions.py``."""
+    found = compositions.refused(seed)
+    assert found is None or not found[0]
+
+
+@pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])
+def test_a_wrong_step_or_design_is_refused(cls):
+    """The short form of ``tests/stress/mutants.py``: in compositions that no scene is."""
+    said = list(mutants.sampled(cls, 2))
+    assert {what for _, what in said} <= {"caught", "equal", "rounding"} and "caught" in {what for _, what in said}, said
 
 
 SQUARE = """
@@ -95,6 +155,6 @@ def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
     assert report.passed
     names = {c.name for c in report.checks if c.group == "f"}
     assert names == {"inputs and parameters", "arithmetic", "SineBump", "Carrier", "Springpot"}
-    wave = rows.laws.bump_envelope
-    monkeypatch.setattr(rows.laws, "bump_envelope", lambda *of: 0.999 * wave(*of))
+    ridges = rows.laws.ridge_sum
+    monkeypatch.setattr(rows.laws, "ridge_sum", lambda *of: 0.999 * ridges(*of))
     assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == ["SineBump"]
