@@ -92,6 +92,7 @@ class Evidence:
     """By output, what a law gives for every sample, and how far from it a correct rendering may be."""
     numbers: list[str] = field(default_factory=list)  # that stand in the graph alone, as the law reads them
     skipped: list[str] = field(default_factory=list)
+    held: list[Any] = field(default_factory=list)  # ``local.Held`` of each block
     changes: list[Change] = field(default_factory=list)  # of parameters, also those made before sample 0
     path: Path | None = None  # of the file
     told: Any = None  # the fault that a rendering in memory tells

@@ -39,6 +39,12 @@ class Held(NamedTuple):
     samples: int  # that were looked at
     error: float  # largest, over its tolerance
     why: str = ""  # it is not held
+    least: float = np.inf  # the smallest part by which its row could be larger, and be refused
+
+    @property
+    def kind(self) -> str:
+        """The class of the block, as a scene file has it."""
+        return type_name(type(self.block))
 
 
 class Run(NamedTuple):
@@ -86,9 +92,9 @@ class Early(Block):
 def blocks_held(e: Evidence) -> list[Check]:
     """A check for each class of block; what has no law, or could not be seen, goes to ``skipped``."""
     x = dict(zip(e.proc.inputs, e.x, strict=True))
-    found = held(Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed)))
-    for kind in dict.fromkeys((type_name(type(h.block)), h.why) for h in found if h.why):
-        same = [h for h in found if (type_name(type(h.block)), h.why) == kind]
+    found = e.held = held(Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed)))
+    for kind in dict.fromkeys((h.kind, h.why) for h in found if h.why):
+        same = [h for h in found if (h.kind, h.why) == kind]
         e.skipped.append(f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}: {kind[1]}")
     checks = []
     for name in dict.fromkeys(_group(h.block) for h in found if not h.why):
@@ -141,11 +147,12 @@ def _held(run: Run) -> tuple[list[Held], list[Part]]:
 
 def _fed_back(b: Any, run: Run, seen: list[Part]) -> Held:
     """The last value of a loop against what its body made."""
-    error, last = 0.0, b.last
+    error, least, last = 0.0, np.inf, b.last
     for part in (part for part in seen if part.n):
         y, body = part.row(last, part.n), part.row(b.body, part.n)
-        error = max(error, _error(y, np.r_[y[0] if part.at else last.first, body[:-1]], FADED))
-    return Held(last, run.where, sum(part.n for part in seen), error)
+        want = np.r_[y[0] if part.at else last.first, body[:-1]]
+        error, least = max(error, _error(y, want, FADED)), min(least, _least(want, FADED))
+    return Held(last, run.where, sum(part.n for part in seen), error, least=least)
 
 
 def outside(roots: Iterable[Block]) -> list[Block]:
@@ -237,7 +244,7 @@ def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
 
 
 def _one(b: Block, run: Run, seen: list[Part]) -> Held:
-    law, error, samples = type(b).law or rows.LAWS.get(type_name(type(b))), 0.0, 0
+    law, error, least, samples = type(b).law or rows.LAWS.get(type_name(type(b))), 0.0, np.inf, 0
     none = Held(b, run.where, 0, 0.0, "no law of its output from its inputs is known")
     if law is None and not isinstance(b, Input | Param | White):
         return none
@@ -265,8 +272,9 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
                 return Held(b, run.where, n, np.inf, made)
             want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
         samples += part.n - since
-        error = max(error, _error(*(np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol))))
-    return Held(b, run.where, samples, error)
+        cut = [np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol)]
+        error, least = max(error, _error(*cut)), min(least, _least(*cut[1:]))
+    return Held(b, run.where, samples, error, least=least)
 
 
 def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | str | None:
@@ -294,6 +302,13 @@ def _error(y: np.ndarray, want: Any, tol: Any) -> float:
         ratio = np.abs(y - want) / tol
     same = (y == want) | (np.isnan(y) & np.isnan(want)) | np.isinf(tol)
     return float(np.max(np.where(same, 0.0, np.where(np.isnan(ratio), np.inf, ratio)), initial=0.0))
+
+
+def _least(want: Any, tol: Any) -> float:
+    """The smallest part by which a row could be larger, and be refused; at least a rounding."""
+    with np.errstate(all="ignore"):
+        part = np.asarray(tol) / np.abs(want)
+    return max(float(np.min(part, where=np.isfinite(want) & (np.asarray(want) != 0), initial=np.inf)), 2.0**-53)
 
 
 def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[Held]:
@@ -329,4 +344,4 @@ def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[H
             want[places[: row.size]] = row
             y = y[: places[row.size] if row.size < places.size else None]
         error, size = max(error, _error(y, want[: y.size], 0.0)), size + y.size
-    return [Held(b, run.where, size, error), *found]
+    return [Held(b, run.where, size, error, least=2.0**-53 if total else np.inf), *found]

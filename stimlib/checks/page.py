@@ -9,6 +9,7 @@ import platform
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,7 @@ def page(what: str, checks: list[Check], e: Evidence, certain: list[Shows], comm
         f"<h2>Against which model</h2>{_model(checks, e)}"
         f"<h2>With which certainty</h2>{_certainty(certain)}"
         f"<h2>What was compared</h2>{table_of(checks)}"
+        f"<h2>Which block is held</h2>{_blocks(e)}"
         f"<h2>Not checked</h2>{items(e.skipped)}{drawn}"
         f"<h2>How to reproduce it</h2>{_reproduced(e, command)}</html>\n"
     )
@@ -81,6 +83,33 @@ def table_of(checks: list[Check]) -> str:
             rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
     head = "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
     return f'<table>{head}{"".join(rows)}</table><p class="small">Checks of chance are given as -log10 p.</p>'
+
+
+def _blocks(e: Evidence) -> str:
+    """Every block: first those that nothing holds but a re-render, then a line for each class, and all of them folded away."""
+    free = [h for h in e.held if h.why]
+    rest = sorted((h for h in e.held if not h.why), key=lambda h: -h.error)
+    kinds = {kind: [h for h in rest if h.kind == kind] for kind in dict.fromkeys(h.kind for h in rest)}
+    classes = "".join(
+        f'<tr><td>{_q(kind)}</td><td class="n">{len(same)}</td>{_held(same[0], min(h.least for h in same))}</tr>'
+        for kind, same in kinds.items()
+    )
+    each = "".join(f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td>{_held(h, h.least)}</tr>" for h in rest)
+    unheld = "".join(f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free)
+    numbers = "<th>samples</th><th>error over tolerance</th><th>smallest error that is refused</th>"
+    return (
+        f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got; {len(free)} are not"
+        f"{':' if free else '.'}</p>{f'<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>' if free else ''}"
+        f"<table><tr><th>class</th><th>blocks</th>{numbers}</tr>{classes}</table>"
+        f'<p class="small">The worst block of each class; an error is a part of the row, such as of a gain.</p>'
+        f"<details><summary>Each block</summary><table><tr><th>block</th>{numbers}</tr>{each}</table></details>"
+    )
+
+
+def _held(h: Any, least: float) -> str:
+    """Three cells: samples, error over tolerance, and the smallest error that would have been seen."""
+    seen = f"{least:.2g}" if np.isfinite(least) else "none, it is 0 throughout"
+    return f'<td class="n">{h.samples}</td><td class="n">{h.error:.3g}</td><td class="n">{seen}</td>'
 
 
 def _displayed(e: Evidence) -> dict[str, str]:

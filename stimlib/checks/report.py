@@ -135,7 +135,13 @@ class Report:
 
         about = {"source": e.source, "fs": e.fs, "seconds": e.x.shape[1] / e.fs, "seed": e.seed, "scene_hash": e.scene.hash}
         checks = [row(c) for c in self.checks]
-        return {"passed": self.passed, **about, "checks": checks, "numbers": list(e.numbers), "skipped": list(e.skipped)}
+        blocks = [
+            {"block": f"{h.block!r}{h.where}", "class": h.kind, "samples": h.samples, "why": h.why}
+            | {name: v if math.isfinite(v) else None for name, v in (("error", h.error), ("smallest", h.least))}
+            for h in sorted(e.held, key=lambda h: not h.why)
+        ]
+        more = {"numbers": list(e.numbers), "skipped": list(e.skipped), "blocks": blocks}
+        return {"passed": self.passed, **about, "checks": checks, **more}
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.

@@ -65,6 +65,20 @@ def test_a_name_with_tags_stays_a_name(bumped, monkeypatch):
     assert "<b>" not in text and "<i>" not in text and text.count("a &lt;b&gt;name") == 2
 
 
+@dc.dataclass(frozen=True, eq=False)
+class Bare(stimlib.Block):
+    """Without a law."""
+
+    x: stimlib.Block
+
+    def units(self, *u):
+        return u[0]
+
+    @staticmethod
+    def step(p, s, x):
+        return 2.0 * x, s
+
+
 class Odd:
     """Motion whose text is no text of ours."""
 
@@ -98,7 +112,7 @@ def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped,
     assert {"b", "d", "e", "f"} <= {*groups} <= {*GROUPS}
     text = text_of(bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS])
     _, _, model, certainty, compared, rest = text.split("<h2>")[:6]
-    assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith("Not checked")
+    assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith("Which block is held")
     told = re.findall("<li>(.*?)</li>", model)
     assert told == [*bumped.evidence.numbers, "a2 named: a2 told"] and len(told) > 1
     assert "one correct rendering in 1000000," in certainty
@@ -282,3 +296,28 @@ def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
         signals = figures.Signals(scene, 8000.0, {"x": row}, {f"V{i}": row for i in range(min(count, figures.OUTPUTS))})
         drawn = dict(figures.figures(dc.replace(bumped.evidence, scene=scene, shown=np.array([row] * count))))
         assert drawn[title] == (12, figures.heights(signals)[0])
+
+
+def test_the_page_names_each_block_those_that_nothing_holds_first(tmp_path):
+    x = stimlib.Input("x", "m")
+    scene = stimlib.Scene({"y": 2.0 * stimlib.blocks.velocity(x, 100.0), "z": Bare(x)})
+    r = stimlib.verify(scene, {"x": np.linspace(0, 0.01, 500)}, stimlib.render(scene, {"x": np.linspace(0, 0.01, 500)}, 1000))
+    r.to_html(tmp_path / "a.html")
+    part = (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<h2>")[0]
+    assert part.index("Bare") < part.index("Velocity") and "no law of its output" in part
+    found = r.to_dict()["blocks"]
+    assert found[0]["class"].endswith("Bare") and found[0]["why"] and found[0]["smallest"] is None
+    velocity = next(b for b in found if b["class"] == "Velocity")
+    assert velocity["samples"] == 500 and velocity["error"] <= 1 and 0 < velocity["smallest"] < 1e-6
+
+
+def test_the_page_of_many_blocks_has_a_line_for_each_class(tmp_path):
+    x = stimlib.Input("x", "m")
+    total = x
+    for k in range(200):
+        total = total + float(k) * stimlib.blocks.velocity(x, 100.0 + k) * stimlib.constant(1.0, "s")
+    scene, motion = stimlib.Scene({"y": total}), {"x": np.linspace(0, 0.01, 200)}
+    r = stimlib.verify(scene, motion, stimlib.render(scene, motion, 1000))
+    r.to_html(tmp_path / "a.html")
+    shown = (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<details>")[0]
+    assert shown.count("<tr>") < 10 and '<td>Velocity</td><td class="n">200</td>' in shown
