@@ -35,7 +35,7 @@ class Quest:
     Raises
     ------
     BadValue
-        No levels or parameters, or trials below 1.
+        No levels or parameters, or trials below 1; a trial whose chance level is another than the task's.
     MissingPackage
         questplus is not installed: ``pip install 'stimlib[experiments]'``.
 
@@ -77,7 +77,14 @@ class Quest:
         n = len(state["levels"])
         if n >= self.trials:
             return None
-        return self.task.trial(_level(*_facts(self, state)), state["seed"], n)
+        trial = self.task.trial(_level(*_facts(self, state)), state["seed"], n)
+        chance = getattr(self.task, "chance", None)
+        if trial.chance != chance:
+            raise BadValue(
+                f"Quest: the task has the chance level {_short(chance)}, its trial {_short(trial.chance)}; give the task's class "
+                "the attribute chance, with the same value"
+            )
+        return trial
 
     def update(self, state: State, answer: Answer) -> State:
         """One level and outcome more."""
@@ -90,6 +97,10 @@ class Quest:
     def estimate(self, state: State) -> dict[str, float]:
         """Posterior means of the parameters: mean, sd, lapse_rate."""
         return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
+
+
+def _short(chance: float | None) -> str:
+    return "None" if chance is None else f"{chance:.3g}"
 
 
 def _facts(design: Quest, state: State) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
