@@ -363,6 +363,12 @@ def test_scenes_with_other_outputs_are_told():
 
 
 # Measures ------------------------------------------------------------------------------------------------------------
+def test_a_band_without_a_line_of_the_spectrum_has_no_level():
+    run = stimlib.render(Scene({"y": white_noise(seed=1)}), {}, fs=1000, seconds=0.1)  # lines from 0 to 500 Hz, 10 Hz apart
+    got = measured(run, ["band(600, 900)", "band(21, 29)", "band(20, 30)"])
+    assert np.isnan(got["band_600_900_y"]) and np.isnan(got["band_21_29_y"]) and got["band_20_30_y"] > 0
+
+
 def test_spectra_are_those_of_scipy():
     from scipy.signal import periodogram
 
