@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.graph import Block, as_block, constant
+from ..core.graph import Block, Const, as_block, constant, design_value
 from ..core.maths import copy, fma, memory
 from ..core.response import backward
 from ..core.units import unit
@@ -322,6 +322,13 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
         raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
     if scheme not in soe.SCHEMES:
         raise BadValue(f"compliance: scheme = {scheme!r}; choose one of {', '.join(soe.SCHEMES)}")
+    alpha = design_value("compliance: alpha", "float", alpha)
+    if not 0 <= alpha <= 1:
+        raise BadValue(f"compliance: alpha = {alpha:g} must be from 0 (spring) to 1 (dashpot)")
+    chi = as_block(chi)
+    if isinstance(chi, Const) and chi.value <= 0:
+        raise BadValue(f"compliance: chi = {chi.value:g} must be above 0")
+    gain = coefficient(chi, "compliance")
     number = f / constant(1.0, "N")
     metre = constant(1.0, "m")
     if alpha == 0:
@@ -331,4 +338,4 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
     else:
         total = Integrate(number, 0.0, held=True) / constant(1.0, "s")
         y = Springpot(total, as_block(1.0), 1.0 - alpha, {"l1": soe.STRAIGHT}.get(scheme, scheme), tol, horizon, "step")
-    return metre * y / coefficient(chi)
+    return metre * y / gain
