@@ -407,3 +407,14 @@ def test_quest_and_a_trial_of_another_chance_level_are_refused():
         design.next(design.init(seed=1))
     Oddity.chance = 1 / 3
     assert design.next(design.init(seed=1)).chance == 1 / 3
+
+
+def test_quest_takes_rows_of_numpy_and_lists():
+    """As np.linspace gives them; a list failed at the first trial, an array where it was made."""
+    plain = Quest(PAIR, (1.0, 1.5, 2.0), means=(1.0, 1.5), deviations=(0.5,), trials=3)
+    rows = Quest(PAIR, np.linspace(1.0, 2.0, 3), means=[1.0, 1.5], deviations=np.array([0.5]), trials=3)
+    assert rows == plain and rows.next(rows.init(seed=1)) == plain.next(plain.init(seed=1))
+    with pytest.raises(BadValue, match="Quest: levels = 1.0 must be a row of numbers"):
+        Quest(PAIR, 1.0, means=(1.0,), deviations=(0.5,))
+    with pytest.raises(BadValue, match=r"Quest: means = \('a',\) must be a row of numbers"):
+        Quest(PAIR, (1.0,), means=("a",), deviations=(0.5,))
