@@ -24,7 +24,7 @@ from ..errors import BadValue, UnitError
 from .fractional import Springpot
 from .impedance import sampled, with_unit
 from .onset import begun
-from .relaxation import SCRATCH, check_lists, plain, time_constant
+from .relaxation import SCRATCH, check_lists, pairs, plain, time_constant
 from .running import Integrate
 from .springpot import coefficient
 
@@ -228,9 +228,7 @@ def compliance_generalized_kelvin_voigt(
     >>> float(y[-1].round(9))  # 1/100 + 1/200 + 1/1000
     0.016
     """
-    elements = [tuple(e) for e in elements]
-    if any(len(e) != 2 for e in elements):
-        raise BadValue("compliance_generalized_kelvin_voigt: elements must be pairs (stiffness in N/m, time constant in s)")
+    elements = pairs("compliance_generalized_kelvin_voigt: elements must be pairs", elements)
     if not elements and k0 is None and b is None:
         raise BadValue("compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b")
     k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
