@@ -1116,3 +1116,13 @@ def test_demo_stays_within_full_scale_and_vibrates(s):
     assert motion == s.motion
     let_go = np.arange(4.5, demo.SECONDS, 1 / demo.FS)
     assert len({m(let_go).tobytes() for m in motion.values()}) == len(motion), "each encoder toggles on its own"
+
+
+@pytest.mark.parametrize("command", ["render --out a.wav", "play --fast"])
+def test_outputs_in_different_units_are_told_the_option_that_has_both(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    name, *words = command.split()
+    words += ["--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--full-scale", "2"]
+    done = run.invoke(app, [name, "own.py:two", *words])
+    assert done.exit_code == 2 and "on the command line --full-scale force=..,place=.." in done.stderr
