@@ -65,7 +65,7 @@ def turn_of(participant: str, turns: int) -> int:
 
 def _counts(v: Any) -> bool:
     """Whether a value is a whole number from 1 on."""
-    return isinstance(v, Integral) and not isinstance(v, bool) and v >= 1
+    return isinstance(v, Integral) and not isinstance(v, bool) and int(v) >= 1
 
 
 def _check_designs(what: str, designs: Any) -> None:
