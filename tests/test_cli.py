@@ -332,6 +332,29 @@ def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
     assert run.invoke(app, ["show", f"{path}:ready"]).exit_code == 0
 
 
+def test_an_error_has_no_pictures_in_place_of_names(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text("def hand(t):\n    return t\n")
+    done = run.invoke(app, ["show", f"{path}:hand"])
+    assert done.exit_code == 2 and done.stderr.startswith(f"error: {path}:hand: TypeError: ")
+
+
+def test_what_has_the_name_but_is_no_scene_is_said_to_be_there(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN + "levels = {'k': 1.0}\n")
+    done = run.invoke(app, ["show", f"{path}:levels"])
+    assert done.stderr == f"error: {path}: levels is a dict, no Scene: write {path}:NAME; there is soft, two, broken, number\n"
+
+
+def test_a_file_without_the_name_of_a_measure_lists_its_measures(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(
+        OWN + "from stimlib.sweep import measure\n@measure('N')\ndef top(run):\n    return run['force'].max()\nready = soft()\n"
+    )
+    done = run.invoke(app, ["sweep", f"{path}:soft", "--axis", "k=1,2", "--measure", f"{path}:tops"])
+    assert done.exit_code == 2 and "there is no 'tops' in it" in done.stderr and done.stderr.rstrip().endswith("number, top")
+
+
 def test_list_names_scenes_and_motions():
     done = run.invoke(app, ["list"])
     assert done.exit_code == 0
@@ -1093,3 +1116,13 @@ def test_demo_stays_within_full_scale_and_vibrates(s):
     assert motion == s.motion
     let_go = np.arange(4.5, demo.SECONDS, 1 / demo.FS)
     assert len({m(let_go).tobytes() for m in motion.values()}) == len(motion), "each encoder toggles on its own"
+
+
+@pytest.mark.parametrize("command", ["render --out a.wav", "play --fast"])
+def test_outputs_in_different_units_are_told_the_option_that_has_both(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    name, *words = command.split()
+    words += ["--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--full-scale", "2"]
+    done = run.invoke(app, [name, "own.py:two", *words])
+    assert done.exit_code == 2 and "on the command line --full-scale force=..,place=.." in done.stderr

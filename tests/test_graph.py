@@ -71,6 +71,9 @@ def test_units_follow(make, dim):
         ("furlongs_per", ["unknown"]),
         ("m/", ["unknown"]),
         ("hour", ["3600"]),
+        ("Nm", ["use 'N*m'"]),
+        ("Ns/m", ["use 'N*s/m'"]),
+        ("dB", ["logarithm of a ratio", "10**(dB/20)"]),
     ],
 )
 def test_prefixes_and_unknown_units_say_what_to_use(text, words):

@@ -378,6 +378,7 @@ def twice():
         (lambda: loop(lambda y: y + constant(0.5, "m")), UnitError, "cannot add"),
         (lambda: loop(lambda y: None), BadValue, "NoneType"),
         (lambda: loop(lambda y: ()), BadValue, "returned no signal"),
+        (lambda: loop(Input("x")), BadValue, r"loop: Input\('x'\) is no function; give one of the last value"),
         (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
         (lambda: loop(lambda y: y, start=x), BadValue, "design number"),
         (lambda: Loop(x, x), BadValue, "needs its Last"),

@@ -245,7 +245,8 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"motion": {"y": HAND}}, UnknownName, "x is missing"),
         ({"measures": [measure(error="N")(lambda r: 1.0)]}, BadValue, "a column error of its own"),
         ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
-        ({"motion": None, "seconds": None}, BadValue, "motion of x must be a function"),
+        ({"motion": "hand", "seconds": None}, BadValue, "motion of x must be a function"),
+        ({"motion": None, "seconds": None}, UnknownName, "motion: x is missing"),
         ({"live": ["A"]}, UnknownName, "A is no parameter"),
         ({"workers": -1}, BadValue, "workers = -1"),
         ({"fs": -1}, BadValue, "fs"),
@@ -363,6 +364,21 @@ def test_scenes_with_other_outputs_are_told():
 
 
 # Measures ------------------------------------------------------------------------------------------------------------
+def test_a_scene_without_inputs_needs_no_motion_and_another_says_which_it_needs():
+    scene, words = Scene({"y": Param("A", 1.0) * white_noise(seed=1)}), {"fs": 1000, "seconds": 0.1}
+    table = sweep(scene, {"A": [1.0, 2.0]}, measures="peak", workers=0, **words)
+    for at, found in enumerate(table["peak_y"].to_pylist()):
+        assert found == np.abs(rendering(scene, {"A": [1.0, 2.0]}, at, **words)["y"]).max() > 0
+    with pytest.raises(UnknownName, match="motion: x is missing; the inputs are: x"):
+        sweep(SPRING, {"k": [1.0]}, measures="peak", workers=0, **words)
+
+
+def test_a_band_without_a_line_of_the_spectrum_has_no_level():
+    run = stimlib.render(Scene({"y": white_noise(seed=1)}), {}, fs=1000, seconds=0.1)  # lines from 0 to 500 Hz, 10 Hz apart
+    got = measured(run, ["band(600, 900)", "band(21, 29)", "band(20, 30)"])
+    assert np.isnan(got["band_600_900_y"]) and np.isnan(got["band_21_29_y"]) and got["band_20_30_y"] > 0
+
+
 def test_spectra_are_those_of_scipy():
     from scipy.signal import periodogram
 

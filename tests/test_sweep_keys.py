@@ -356,6 +356,32 @@ def test_code_that_is_found_by_a_computed_name_is_refused_under_another_name_too
         identity(lambda run: found("K"), "level")
 
 
+def imported_by_name(run):
+    import importlib
+
+    return importlib.import_module("helper").K
+
+
+def taken_from_all_modules(run):
+    import sys
+
+    return sys.modules["helper"].K
+
+
+def evaluated(run):
+    import builtins as plain
+
+    return plain.eval("K")
+
+
+@pytest.mark.parametrize(
+    ("use", "name"), [(imported_by_name, "import_module"), (taken_from_all_modules, "modules"), (evaluated, "eval")]
+)
+def test_code_that_is_found_by_a_computed_name_is_refused_where_the_function_imports_the_finder(use, name):
+    with pytest.raises(BadValue, match=f"{name} finds code by a name, so what is computed cannot be seen"):
+        identity(use, "level")
+
+
 def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatch):
     def made(gain):
         class Own(Scene):

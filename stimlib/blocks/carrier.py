@@ -87,20 +87,24 @@ class Carrier(Block):
     rectify: str | None
     phase: float
 
+    @property
+    def _made_by(self) -> str:
+        return "carrier" if self.rectify else "oscillator or carrier"
+
     def check(self):
         if self.rectify not in RECTIFY:
             raise BadValue(f"carrier: rectify = {self.rectify!r}; choose None, 'half' or 'full'")
         f = self.freq
         if isinstance(f, (Const, Param)) and not f.value >= 0:
-            raise BadValue(f"carrier: freq = {f.value!r} Hz must be 0 or above")
+            raise BadValue(f"{self._made_by}: freq = {f.value!r} Hz must be 0 or above")
 
     def units(self, *u):
-        in_unit("carrier: freq", self.freq, u[0], "Hz")
+        in_unit(f"{self._made_by}: freq", self.freq, u[0], "Hz")
         return un.ONE
 
     def design(self, fs):
         if isinstance(self.freq, (Const, Param)):
-            below_half("carrier", fs, freq=self.freq.value)
+            below_half(self._made_by, fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
         p = CarrierParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify)))
         return p, CarrierState(phase_word(self.phase), U(wait))

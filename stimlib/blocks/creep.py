@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.graph import Block, as_block, constant
+from ..core.graph import Block, Const, as_block, constant, design_value
 from ..core.maths import copy, fma, memory
 from ..core.response import backward
 from ..core.units import unit
@@ -24,7 +24,7 @@ from ..errors import BadValue, UnitError
 from .fractional import Springpot
 from .impedance import sampled, with_unit
 from .onset import begun
-from .relaxation import SCRATCH, check_lists, plain, time_constant
+from .relaxation import SCRATCH, check_lists, pairs, plain, time_constant
 from .running import Integrate
 from .springpot import coefficient
 
@@ -228,9 +228,7 @@ def compliance_generalized_kelvin_voigt(
     >>> float(y[-1].round(9))  # 1/100 + 1/200 + 1/1000
     0.016
     """
-    elements = [tuple(e) for e in elements]
-    if any(len(e) != 2 for e in elements):
-        raise BadValue("compliance_generalized_kelvin_voigt: elements must be pairs (stiffness in N/m, time constant in s)")
+    elements = pairs("compliance_generalized_kelvin_voigt: elements must be pairs", elements)
     if not elements and k0 is None and b is None:
         raise BadValue("compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b")
     k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
@@ -322,6 +320,13 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
         raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
     if scheme not in soe.SCHEMES:
         raise BadValue(f"compliance: scheme = {scheme!r}; choose one of {', '.join(soe.SCHEMES)}")
+    alpha = design_value("compliance: alpha", "float", alpha)
+    if not 0 <= alpha <= 1:
+        raise BadValue(f"compliance: alpha = {alpha:g} must be from 0 (spring) to 1 (dashpot)")
+    chi = as_block(chi)
+    if isinstance(chi, Const) and chi.value <= 0:
+        raise BadValue(f"compliance: chi = {chi.value:g} must be above 0")
+    gain = coefficient(chi, "compliance")
     number = f / constant(1.0, "N")
     metre = constant(1.0, "m")
     if alpha == 0:
@@ -331,4 +336,4 @@ def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-
     else:
         total = Integrate(number, 0.0, held=True) / constant(1.0, "s")
         y = Springpot(total, as_block(1.0), 1.0 - alpha, {"l1": soe.STRAIGHT}.get(scheme, scheme), tol, horizon, "step")
-    return metre * y / coefficient(chi)
+    return metre * y / gain

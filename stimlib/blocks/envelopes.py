@@ -98,6 +98,14 @@ def burst(start, duration: float, ramp: float = 0.0) -> Block:
         A duration not above 0, a ramp that does not fit into it, what is known to be no event; at compile time, a duration of
         less than half a sample.
 
+    Notes
+    -----
+    The ramps are read in the middle of each sample: k samples after the start, at fs = 1/h, the first ramp is
+    (1 - cos(pi (k + 1/2) h/ramp))/2, so no sample of the burst is 0.
+
+    What a burst multiplies does not begin with it: the phase of ``oscillator(180)`` counts from sample 0.  For one that rises
+    through 0 where a burst at t0 begins, give ``oscillator(180, phase=-2 * pi * 180 * t0)``.
+
     Examples
     --------
     >>> import numpy as np, stimlib

@@ -277,6 +277,7 @@ def spring(x: Block, k) -> Block:
     >>> str(spring(Input("x", "m"), 2000.0).dim)
     'N'
     """
+    x = as_block(x)
     force = with_unit(k, "N/m") * x
     if force.dim != unit("N"):
         raise un.UnitError(f"spring: k [{as_block(k).dim}] times {x!r} [{x.dim}] is [{force.dim}], not a force")

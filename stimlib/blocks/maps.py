@@ -8,8 +8,8 @@ from inspect import Parameter, Signature
 
 from ..core import maths
 from ..core import units as un
-from ..core.graph import Block, Map, same_unit
-from ..errors import UnitError
+from ..core.graph import Block, Const, Map, as_block, same_unit
+from ..errors import BadValue, UnitError
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +168,14 @@ def clip(x, low, high) -> Block:
     Parameters
     ----------
     x, low, high : Block or float
+        Where live limits pass each other, the upper one holds.
 
     Raises
     ------
     UnitError
         Different units.
+    BadValue
+        Numbers of which low is above high.
 
     Examples
     --------
@@ -181,7 +184,11 @@ def clip(x, low, high) -> Block:
     >>> str(clip(Input("F", "N"), 0.0, constant(100.0, "N")).dim)
     'N'
     """
-    return Minimum(Maximum(x, low), high)
+    held = Minimum(Maximum(x, low), high)
+    least, most = as_block(low), as_block(high)
+    if isinstance(least, Const) and isinstance(most, Const) and least.value > most.value:
+        raise BadValue(f"clip: low = {least.value:g} must not be above high = {most.value:g}; give the lower limit first")
+    return held
 
 
 def _function(cls: type[Map]) -> Callable[..., Block]:

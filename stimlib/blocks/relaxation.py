@@ -193,6 +193,17 @@ def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, on
     return generalized_maxwell(y, 0.0, [(k, time_constant("maxwell", k, b, tau))], onset=onset, contact=contact)
 
 
+def pairs(rule: str, given: Any) -> list[tuple[Any, ...]]:
+    """Return stiffnesses with their time constants; BadValue, which begins with the rule, where there are no pairs."""
+    try:
+        found = [tuple(p) for p in given]
+    except TypeError:
+        found = [()]
+    if any(len(p) != 2 for p in found):
+        raise BadValue(f"{rule} (stiffness in N/m, time constant in s), such as [(100.0, 0.1)]; got {given!r:.80}")
+    return found
+
+
 def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=None) -> Block:
     """A spring and any number of Maxwell arms side by side.  All arms with plain numbers run as one bank.
 
@@ -236,9 +247,9 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=No
     >>> f[[1, 100, -1]].round(3)
     array([1.776, 1.272, 1.   ])
     """
-    y, arms = as_block(y), [tuple(arm) for arm in arms]
+    y, arms = as_block(y), pairs("generalized_maxwell: arms must be at least one pair", arms)
     touch = as_block(1.0 if contact is None else contact)
-    if not arms or any(len(arm) != 2 for arm in arms):
+    if not arms:
         raise BadValue("generalized_maxwell: arms must be at least one pair (stiffness in N/m, time constant in s)")
     fixed = [(number(k), tau) for k, tau in arms if number(k) is not None]
     live = [(k, tau) for k, tau in arms if number(k) is None]

@@ -228,7 +228,8 @@ def playback(samples, rate: float, loop: bool = False, unit: str = "", at=None) 
     Parameters
     ----------
     samples : array_like, shape (n,)
-        Numbers; of a sound file, a column of what ``soundfile.read`` gives.
+        Numbers; of a sound file, a column of what ``soundfile.read`` gives.  Whole numbers of PCM, as of
+        ``scipy.io.wavfile``, are taken as they are: divide 16 bits by 32768.
     rate : float
         Their sample rate in Hz.
     loop : bool

@@ -130,13 +130,13 @@ def springpot(
     return gain * ShortMemory(y, touch, fixed, memory, onset)
 
 
-def coefficient(chi) -> Block:
-    """chi as a signal without unit that is nan below 0."""
+def coefficient(chi, name: str = "springpot") -> Block:
+    """Return chi as a signal without unit that is nan below 0; name is the function that an error names."""
     b = as_block(chi)
     if b.dim != un.ONE:
-        raise UnitError(f"springpot: chi {b!r} is in {b.dim}; give a plain number in N s^alpha/m, as alpha may change")
+        raise UnitError(f"{name}: chi {b!r} is in {b.dim}; give a plain number in N s^alpha/m, as alpha may change")
     if isinstance(b, Const):
         if b.value < 0:
-            raise BadValue(f"springpot: chi = {b.value:g} must not be below 0")
+            raise BadValue(f"{name}: chi = {b.value:g} must not be below 0")
         return b
     return NotBelowZero(b)

@@ -87,7 +87,7 @@ class Report:
         from rich.console import Console
 
         out = io.StringIO()
-        Console(file=out, width=130).print(self.__rich__())
+        Console(file=out, width=130, emoji=False).print(self.__rich__())
         return out.getvalue()
 
     def __rich__(self):

@@ -140,6 +140,8 @@ def linear_blocks(e: Evidence) -> list[Check]:
         if key in seen:
             continue
         seen.add(key)
+        if type(b).transfer is None and type(b).law is not None:
+            continue  # it is held against that, by ``blocks_held``
         if type(b).transfer is None:
             e.skipped.append(f"{b!r}: it states no response, so nothing but its own step, run again, was compared")
             continue

@@ -49,7 +49,7 @@ def _in_one_line() -> Iterator[None]:
 
 
 app = typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False)
-errors = Console(stderr=True)
+errors = Console(stderr=True, emoji=False)
 
 
 def _version(wanted: bool) -> None:
@@ -172,7 +172,7 @@ class Output(Console):
 
 def print_wide(data: Any) -> None:
     """A table or report on stdout, as wide as the terminal, or 130 characters where that is none."""
-    Output(width=None if sys.stdout.isatty() else 130).print(data)
+    Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 
 
 def end(passed: bool) -> None:

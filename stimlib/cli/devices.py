@@ -153,7 +153,7 @@ def devices(
     """
     from ..devices.available import devices as look
 
-    found, out = look(server), Output()
+    found, out = look(server), Output(emoji=False)
     if json_:
         return print_json([asdict(d) for d in found])
     for d in found:

@@ -128,11 +128,15 @@ def _own(path: str, function: str | None = None, called: bool = True, kind: type
         if function is None:
             return None
         found: Any = getattr(module, function, None)
-        if not (callable(found) or isinstance(found, (Scene, kind or Scene))):
-            what = f"there is no {function!r} in it" if function else "say which function or scene in it"
+        kind = kind or Scene
+        if not (callable(found) or isinstance(found, (Scene, kind))):
+            of = kind.__name__.lower()
+            what = f"there is no {function!r} in it" if function else f"say which function or {of} in it"
+            if function in vars(module):
+                what = f"{function} is a {type(found).__name__}, no {kind.__name__}"
             there = (
-                ", ".join(n for n, v in vars(module).items() if isinstance(v, Scene) or _makes(module, v))
-                or "no function without arguments, and no scene"
+                ", ".join(n for n, v in vars(module).items() if isinstance(v, kind) or _makes(module, v))
+                or f"no function without arguments, and no {of}"
             )
             raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
         if not called:

@@ -69,7 +69,7 @@ def list_(json_: opt.Json = False):
     if json_:
         scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
         return print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
-    out = Output()
+    out = Output(emoji=False)
     for name, make in shipped().items():
         made = make()
         out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)

@@ -66,6 +66,7 @@ def sweep_(
     --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)" --out loudness[/]
     """
     run_files(import_)
+    from ..sweep.measures import Measure
     from ..sweep.rows import grid, table_of
     from ..sweep.study import Forecast, some_scene, sweep
 
@@ -76,7 +77,7 @@ def sweep_(
     first = some_scene(make, table)
     if not live and all(name == "seed" or name in first.params for name in table.column_names):
         make = first  # no argument among them
-    measures = [own_of(*m.rsplit(":", 1)) if ".py:" in m else m for m in measure]
+    measures = [own_of(*m.rsplit(":", 1), kind=Measure) if ".py:" in m else m for m in measure]
     motion, recorded = motions(first, contact=touching(scene))
     made = sweep(
         make,

@@ -102,6 +102,8 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     array([[0.5   , 0.75  , 0.875 , 0.9375]])
     """
     last = Last(design_value("loop: start", "float", start), unit)
+    if not callable(f):
+        raise BadValue(f"loop: {f!r:.80} is no function; give one of the last value, such as lambda last: 0.9 * last + x")
     made = f(last)
     if not isinstance(made, tuple):
         return Loop(as_block(made), last)

@@ -41,6 +41,6 @@ def progress(what: str, total: float | None, wanted: bool | str = True) -> Itera
     from rich.console import Console
     from rich.progress import Progress, TimeElapsedColumn
 
-    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
+    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True, emoji=False)) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done, text=what: bar.update(task, advance=done, description=text)

@@ -70,6 +70,8 @@ ONE = Unit(())
 # pint computes a text, for hours if it is 9**9**9**9; scene files come from others
 _HUGE = re.compile(r"[\d.]\s*(\*\*|\^)|\d[eE]|(?<![\d.])\d{3}")
 _OF_GROUP = re.compile(r"\)\s*(\*\*|\^)")
+_JOINED = re.compile(r"(?<![A-Za-z])([NVAWJ])([ms])(?![A-Za-z])")  # Nm; pint reads it as a number of yarns
+_LEVEL = re.compile(r"(?<![A-Za-z])(dB[A-Za-z]*|decibel|neper|Np)(?![A-Za-z])")  # pint has a factor for them
 
 
 @lru_cache(maxsize=4096)
@@ -124,6 +126,10 @@ def _parsed(text: str) -> Unit:
         factors = [(_SI[name], int(n or 1) * (1 if op == "*" else -1)) for op, name, n in _FACTOR.findall("*" + text)]
         total = [float(sum(n * powers[i] for powers, n in factors)) for i in range(len(_BASE))]
         return Unit(tuple(sorted((name, p) for name, p in zip(_BASE, total, strict=True) if p)))
+    if (product := _JOINED.sub(r"\1*\2", text)) != text:
+        raise UnitError(f"unit {text!r}: a product is written with a *; use {product!r}")
+    if level := _LEVEL.search(text):
+        raise UnitError(f"unit {text!r}: {level[1]} is a logarithm of a ratio; give the ratio, 10**(dB/20), without unit")
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
         factor = float(base.magnitude)

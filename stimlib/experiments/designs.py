@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses as dc
 import re
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from typing import Any
 
 from ..core.fields import number
@@ -60,6 +61,22 @@ def turn_of(participant: str, turns: int) -> int:
             f"participant {participant!r}: the order of the square goes by the number at the end of the code, such as P07"
         )
     return (int(digits.group()) - 1) % turns
+
+
+def _counts(v: Any) -> bool:
+    """Whether a value is a whole number from 1 on."""
+    return isinstance(v, Integral) and not isinstance(v, bool) and int(v) >= 1
+
+
+def _check_designs(what: str, designs: Any) -> None:
+    """Raise unless these are designs by name."""
+    if not isinstance(designs, Mapping):
+        raise BadValue(f"{what} = {designs!r:.80} must be a dict of designs by name, such as {{'high': .., 'low': ..}}")
+    for name, d in designs.items():
+        if not isinstance(d, Design):
+            raise BadValue(
+                f"{what.partition(':')[0]}: {name!r} is {d!r:.80}, no design; put a task into one, such as Staircase or Listed"
+            )
 
 
 @dc.dataclass(frozen=True)
@@ -134,11 +151,13 @@ class Staircase:
             raise BadValue(f"Staircase: bounds = {self.bounds} must rise from a level above 0: steps are in dB")
         if not low <= least <= largest <= high:
             raise BadValue(f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}")
-        if not self.steps or not all(0 < s < 200 for s in self.steps):
-            raise BadValue(f"Staircase: steps = {self.steps} must be dB above 0")
+        if not isinstance(self.steps, (tuple, list)) or not self.steps or not all(number(s) and 0 < s < 200 for s in self.steps):
+            raise BadValue(f"Staircase: steps = {self.steps!r} must be dB above 0, such as (12.0, 3.0)")
         for name in ("reversals", "up", "down", "most", "stuck"):
-            if getattr(self, name) < 1:
-                raise BadValue(f"Staircase: {name} = {getattr(self, name)} must be at least 1")
+            if not _counts(v := getattr(self, name)):
+                raise BadValue(f"Staircase: {name} = {v!r} must be a whole number from 1 on")
+        if not hasattr(self.task, "trial"):
+            raise BadValue(f"Staircase: task = {self.task!r:.80} makes no trials; give a task such as Pair")
         if (getattr(self.task, "chance", None) or 0.0) >= 0.5 and self.down <= self.up:
             raise BadValue(
                 f"Staircase: with up = {self.up} and down = {self.down} it settles where half of the answers are right, "
@@ -229,8 +248,18 @@ class Listed:
     training: bool = False
 
     def __post_init__(self):
-        if not self.items or self.repeats < 1 or self.shuffle not in ("all", "each", "none"):
-            raise BadValue("Listed: give items (task, level), repeats of at least 1, shuffle one of all, each, none")
+        if not isinstance(self.items, (tuple, list)) or not all(
+            isinstance(i, (tuple, list)) and len(i) == 2 and hasattr(i[0], "trial") for i in self.items
+        ):
+            raise BadValue(
+                f"Listed: items = {self.items!r:.80} must be pairs (task, level), such as ((task, 1.0), (task, 2.0)); "
+                "of one alone write ((task, 1.0),)"
+            )
+        if not self.items or not _counts(self.repeats) or self.shuffle not in ("all", "each", "none"):
+            raise BadValue(
+                f"Listed: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give items (task, level), whole repeats of at "
+                "least 1, shuffle one of all, each, none"
+            )
         if len(set(self._names)) != len(self.items):
             raise BadValue(f"Listed: an item is there twice, of {self._names}; say repeats instead")
 
@@ -289,6 +318,7 @@ class Interleaved:
     def __post_init__(self):
         if not self.tracks:
             raise BadValue("Interleaved: give at least one design, by the name of its track")
+        _check_designs("Interleaved: tracks", self.tracks)
 
     def init(self, seed: int) -> State:
         """Each track has a seed of its own."""
@@ -351,6 +381,7 @@ class Parts:
     def __post_init__(self):
         if not self.parts:
             raise BadValue("Parts: give at least one design, by the name of its part")
+        _check_designs("Parts: parts", self.parts)
 
     def init(self, seed: int) -> State:
         """Each part has a seed of its own."""

@@ -154,11 +154,23 @@ class Experiment:
     analysis: Callable[[list[Any]], Any] | None = None
 
     def __post_init__(self):
+        if not isinstance(self.questions, (tuple, list)) or not all(isinstance(q, Question) for q in self.questions):
+            raise BadValue(
+                f"experiment {self.name!r}: questions = {self.questions!r:.80} must be a tuple of Question, such as (choice(..),)"
+            )
         names = [q.name for q in self.questions]
-        if not self.scenes or not all(isinstance(s, Scene) for s in self.scenes.values()):
+        scenes = self.scenes.values() if isinstance(self.scenes, Mapping) else ()
+        if not scenes or not all(isinstance(s, Scene) for s in scenes):
             raise BadValue(f"experiment {self.name!r}: scenes must be a table of names to Scene, one at least")
         if not names or len(set(names)) != len(names):
             raise BadValue(f"experiment {self.name!r}: it needs questions, each with a name of its own; got {names}")
+        if not (self.design is None or callable(self.design) or isinstance(self.design, Design)):
+            raise BadValue(
+                f"experiment {self.name!r}: design = {self.design!r:.80} is no design; put a task into one, such as Staircase or "
+                "Listed"
+            )
+        if not isinstance(self.timing, Timing):
+            raise BadValue(f"experiment {self.name!r}: timing = {self.timing!r} must be a Timing, such as Timing(interval=1.0)")
         known = {p for s in self.scenes.values() for p in s.params}
         if not fields.positive(self.fs) or round(self.timing.interval * self.fs) < 1:
             raise BadValue(f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each interval at least")
@@ -170,11 +182,13 @@ class Experiment:
             raise UnknownName(
                 f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(self.inputs) or 'none'}"
             )
-        for name, (low, high) in self.bounds.items():
+        if not isinstance(self.bounds, Mapping):
+            raise BadValue(f"bounds = {self.bounds!r} must map names of parameters to (low, high)")
+        for name, pair in self.bounds.items():
             if name not in known:
                 raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")
-            if not (fields.number(low) and fields.number(high) and low < high):
-                raise BadValue(f"bounds: {name} = ({low!r}, {high!r}) must be two finite numbers that rise")
+            if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(fields.number, pair)) and pair[0] < pair[1]):
+                raise BadValue(f"bounds: {name} = {pair!r} must be two finite numbers that rise")
 
     @property
     def outputs(self) -> dict[str, Unit]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -272,7 +273,7 @@ def simulate(
     Raises
     ------
     BadValue, UnknownName
-        What a trial or an observer finds wrong; a participant without an observer; a design without a trial.
+        What a trial or an observer finds wrong; a participant without an observer; a design without a trial; one code alone.
     MissingPackage
         Several workers and no cloudpickle: ``pip install 'stimlib[sweep]'``.
 
@@ -296,7 +297,9 @@ def simulate(
     >>> fit.problems, 105 < fit.pse < 130
     ((), True)
     """
-    codes = [f"P{k + 1:02d}" for k in range(participants)] if isinstance(participants, int) else list(participants)
+    if isinstance(participants, str) or not isinstance(participants, Integral | Iterable):
+        raise BadValue(f"simulate: participants = {participants!r} must be how many, or a list of codes such as ['P01']")
+    codes = [f"P{k + 1:02d}" for k in range(participants)] if isinstance(participants, Integral) else list(participants)
     if not codes:
         raise BadValue("simulate: there must be at least one participant")
     if isinstance(observer, Mapping) and (alone := [c for c in codes if c not in observer]):

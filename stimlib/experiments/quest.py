@@ -7,6 +7,8 @@ import dataclasses as dc
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from ..core.packages import package
 from ..errors import BadValue
 from .tasks import Task
@@ -23,11 +25,11 @@ class Quest:
     ----------
     task : Task
         Of outcomes 0 and 1.  Its ``chance`` is the curve's chance level, as `stimlib.experiments.tasks.Pair` has it.
-    levels : tuple of float
+    levels : sequence of float
         Those that may be shown, bounds included.
-    means, deviations : tuple of float
+    means, deviations : sequence of float
         What the parameters may be, in the unit of the levels; each is as likely before the first answer.
-    lapses : tuple of float
+    lapses : sequence of float
         Probabilities of a lapse to either side, below 0.5.
     trials : int
         Its length.
@@ -35,7 +37,7 @@ class Quest:
     Raises
     ------
     BadValue
-        No levels or parameters, or trials below 1.
+        No levels or parameters, rows of something else, or trials below 1; a trial whose chance level is another than the task's.
     MissingPackage
         questplus is not installed: ``pip install 'stimlib[experiments]'``.
 
@@ -63,6 +65,11 @@ class Quest:
     trials: int = 40
 
     def __post_init__(self):
+        for name in ("levels", "means", "deviations", "lapses"):
+            row = np.asarray(given := getattr(self, name))
+            if row.ndim != 1 or row.dtype.kind not in "iuf":
+                raise BadValue(f"Quest: {name} = {given!r:.80} must be a row of numbers")
+            object.__setattr__(self, name, given if isinstance(given, tuple) else tuple(row.tolist()))
         if not (self.levels and self.means and self.deviations and self.lapses) or self.trials < 1:
             raise BadValue("Quest: give levels, means, deviations and lapses, one of each at least, and trials of at least 1")
         if min(self.deviations) <= 0 or not all(0 <= p < 0.5 for p in self.lapses):
@@ -77,7 +84,14 @@ class Quest:
         n = len(state["levels"])
         if n >= self.trials:
             return None
-        return self.task.trial(_level(*_facts(self, state)), state["seed"], n)
+        trial = self.task.trial(_level(*_facts(self, state)), state["seed"], n)
+        chance = getattr(self.task, "chance", None)
+        if trial.chance != chance:
+            raise BadValue(
+                f"Quest: the task has the chance level {_short(chance)}, its trial {_short(trial.chance)}; give the task's class "
+                "the attribute chance, with the same value"
+            )
+        return trial
 
     def update(self, state: State, answer: Answer) -> State:
         """One level and outcome more."""
@@ -90,6 +104,10 @@ class Quest:
     def estimate(self, state: State) -> dict[str, float]:
         """Posterior means of the parameters: mean, sd, lapse_rate."""
         return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
+
+
+def _short(chance: float | None) -> str:
+    return "None" if chance is None else f"{chance:.3g}"
 
 
 def _facts(design: Quest, state: State) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:

@@ -44,6 +44,11 @@ class Pair:
         Whether the standard is no stimulus at all, so that chance level is 0.5.  By default it is where
         ``standard`` sets ``varies`` to 0; say True where the standard is a scene of its own.
 
+    Raises
+    ------
+    BadValue
+        A standard or comparison that is no Stimulus.
+
     Notes
     -----
     The score of an answer is 1 where it says that the comparison has more.  Each trial says its
@@ -70,6 +75,11 @@ class Pair:
     choices: tuple[str, str] = ("first", "second")
     asks_less: bool = False
     detection: bool | None = None
+
+    def __post_init__(self):
+        for name in ("standard", "comparison"):
+            if not isinstance(v := getattr(self, name), Stimulus):
+                raise BadValue(f"Pair {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such as Stimulus('spring')")
 
     @property
     def chance(self) -> float | None:

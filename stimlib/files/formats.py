@@ -71,7 +71,11 @@ def full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor,
     else:
         if full_scale is not None and len(units) > 1:
             has = ", ".join(f"{name} ({proc.units[name]})" for name in outputs)
-            raise UnitError(f"outputs have different units: {has}; give full_scale as a mapping by output name")
+            option = ",".join(f"{name}=.." for name in outputs)
+            raise UnitError(
+                f"outputs have different units: {has}; give full_scale as a mapping by output name, on the command line "
+                f"--full-scale {option}"
+            )
         values = [1.0 if full_scale is None else full_scale] * len(outputs)
     try:
         scales = np.array([float(v) for v in values], dtype=np.float64)

@@ -162,7 +162,11 @@ def protect(scene: Scene, safety: Safety) -> Scene:
         if isinstance(told, float) and len({str(b.dim) for b in scene.outputs.values()}) > 1:
             units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
             each = ", ".join(f"{n!r}: .." for n in names)
-            raise UnitError(f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}): give {{{each}}}")
+            option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in names)
+            raise UnitError(
+                f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}): give {{{each}}}, on the command "
+                f"line {option}"
+            )
     scales = safety.scales(names)
     outputs: dict[str, Block] = {}
     for name, scale in zip(names, scales, strict=True):

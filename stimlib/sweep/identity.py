@@ -211,7 +211,8 @@ class _Walk:
             elif hasattr(builtins, name):
                 parts += [name, self.of(getattr(builtins, name), path)]
         for name, module, wanted in _imports(f):
-            parts += [name, *(self._attributes(module, wanted, path) if wanted else [self.of(module, path)])]
+            whole = not wanted and _is_own(module.__name__)
+            parts += [name, *([self.of(module, path)] if whole else self._attributes(module, wanted or _words(f.__code__), path))]
         return parts
 
     def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:

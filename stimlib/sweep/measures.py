@@ -279,7 +279,8 @@ def _peak(y: Array, _: Any) -> float:
 def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
     """Rms in a band: the root of the integral of the power spectral density from low (Hz) to below high.
 
-    Of the whole record without its mean, under a Hann window: ``scipy.signal.periodogram(y, fs, "hann")``.
+    Of the whole record without its mean, under a Hann window: ``scipy.signal.periodogram(y, fs, "hann")``.  A band above fs/2,
+    or between two lines of the spectrum (of a short record), is nan.
     """
     edges = _edges(low, high, "band")
     names = _outputs(scene, outputs, "band")
@@ -289,6 +290,8 @@ def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
 
 def _band(y: Array, ready: Any) -> float:
     window, (part,), step = ready
+    if part.stop <= part.start:
+        return math.nan
     return math.sqrt(np.sum(_density(y, window, part)) * step)
 
 

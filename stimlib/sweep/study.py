@@ -71,7 +71,7 @@ def sweep(
     make: Scene | Callable[..., Scene],
     rows: Any,
     *,
-    motion: Any,
+    motion: Any = None,
     measures: Sequence[str | Measure] | str | Measure,
     fs: float,
     seconds: float | None = None,
@@ -99,9 +99,9 @@ def sweep(
     rows : mapping of str to sequence, table, or path
         ``grid(..)``, columns by name, a table of Arrow, pandas or polars, a CSV or Parquet file.  The column ``seed`` is that of
         the noise (0 without it), ``motion`` the name of a motion; all others are parameters or arguments.
-    motion : motion, Recording or dict
+    motion : motion, Recording or dict, optional
         As ``render`` takes it: input to function of time or samples.  One function, array or recording is of all inputs.  Where
-        the rows have a column ``motion``: a dict of such motions by name.
+        the rows have a column ``motion``: a dict of such motions by name.  A scene without inputs needs none.
     measures : str, Measure or sequence of them
         Names, such as ``"rms"``, ``"band(20, 1000)"``, ``"peak(force1)"``, ``"psd"``, ``"cues"``, ``"verify"``
         (``stimlib.sweep.measures.NAMED``), and functions of a rendering with ``@measure``.
@@ -157,6 +157,7 @@ def sweep(
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
+    motion = {} if motion is None else motion
     words = {"motion": motion, "measures": measures, "fs": rate(fs), "seconds": seconds, "live": live, "kept": out is not None}
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
         raise BadValue(f"sweep: workers = {workers!r} must be a whole number: processes, or 0 for this process itself")
@@ -194,7 +195,7 @@ def rendering(
     rows: Any,
     at: int,
     *,
-    motion: Any,
+    motion: Any = None,
     fs: float,
     seconds: float | None = None,
     live: Collection[str] | None = None,
@@ -231,6 +232,7 @@ def rendering(
     whole = table_of(rows)
     if not isinstance(at, int | np.integer) or not 0 <= at < whole.num_rows:
         raise BadValue(f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}")
+    motion = {} if motion is None else motion
     words = {"motion": motion, "measures": (), "fs": rate(fs), "seconds": seconds, "live": live, "kept": False}
     table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]

@@ -1,5 +1,6 @@
 """Creep: a springpot under force, against the continuous law and against its dual."""
 
+import re
 from math import gamma
 
 import mpmath as mp
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError
+from stimlib import BadValue, Input, Param, Scene, UnitError, constant
 from stimlib.blocks import compliance, springpot
 from stimlib.blocks.creep import compliance_kelvin_voigt, compliance_maxwell
 
@@ -116,3 +117,20 @@ def test_mistakes():
             compliance(f, 1.0, **words)
     with pytest.raises(BadValue):
         compliance(f, -1.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("chi", "alpha", "says"),
+    [
+        (3.0, 1.5, "compliance: alpha = 1.5 must be from 0 (spring) to 1 (dashpot)"),
+        (3.0, -0.5, "compliance: alpha = -0.5 must be from 0 (spring) to 1 (dashpot)"),
+        (3.0, "0.5", "compliance: alpha = '0.5' must be a number"),
+        (3.0, Param("a", 0.5), "compliance: alpha is a design number"),
+        (0.0, 0.5, "compliance: chi = 0 must be above 0"),
+        (-5.0, 0.5, "compliance: chi = -5 must be above 0"),
+        (constant(3.0, "N/m"), 0.5, "compliance: chi Const(3.0, 'N/m') is in N/m; give a plain number"),
+    ],
+)
+def test_an_error_of_a_compliance_has_the_numbers_that_were_given(chi, alpha, says):
+    with pytest.raises(BadValue, match=f"^{re.escape(says)}"):
+        compliance(Input("f", "N"), chi, alpha)

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import first_order, kelvin_voigt, spring, velocity
+from stimlib.errors import UnitError
 
 x = Input("x", "m")
 
@@ -131,3 +132,8 @@ def test_spring_and_damper():
 def test_a_gain_with_a_unit_makes_an_impedance():
     z = constant(3.0, "N*s/m") * first_order(velocity(x), 0.01)
     assert stimlib.compile(Scene({"f": z}), 1000).units["f"] == "N"
+
+
+def test_a_spring_of_a_number_is_an_error_of_units():
+    with pytest.raises(UnitError, match=r"^spring: k \[m\] times Const\(2000.0\) \[1\] is \[m\], not a force"):
+        spring(2000.0, Input("x", "m"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib import Input, Scene, blocks
+from stimlib import BadValue, Input, Param, Scene, blocks, constant
 
 x, y, z = Input("x"), Input("y"), Input("z")
 NEAR = 1e-15
@@ -49,3 +49,10 @@ def test_nan_in_comparisons():
     proc = stimlib.compile(Scene(outputs), 1000)
     u = {"x": [np.nan], "y": [1.0]}
     np.testing.assert_array_equal(proc.process(np.array([u[n] for n in proc.inputs]))[:, 0], [0, 2, 1, 1])
+
+
+def test_limits_that_are_swapped_are_refused():
+    x = Input("F", "N")
+    with pytest.raises(BadValue, match="clip: low = 5 must not be above high = -5; give the lower limit first"):
+        blocks.clip(x, constant(5.0, "N"), constant(-5.0, "N"))
+    blocks.clip(x, constant(-5.0, "N"), Param("top", -6.0, "N"))  # a live limit may pass the other: the upper one holds

@@ -489,3 +489,12 @@ def test_a_scene_file_keeps_every_bit(tmp_path):
     scene.save(tmp_path / "s.json")
     x = np.array([some_motion(200, 1), some_motion(200, 2)])
     assert_same(stimlib.compile(stimlib.load(tmp_path / "s.json"), 8000).process(x), stimlib.compile(scene, 8000).process(x))
+
+
+@pytest.mark.parametrize("arms", [50.0, None, np.ones(3), [50.0, 0.1], [(1.0, 2.0, 3.0)]])
+def test_arms_that_are_no_pairs_are_refused_by_name(arms):
+    pair = r"pairs? \(stiffness in N/m, time constant in s\), such as \[\(100.0, 0.1\)\]; got"
+    with pytest.raises(BadValue, match=rf"^generalized_maxwell: arms must be at least one {pair}"):
+        generalized_maxwell(Input("y", "m"), 10.0, arms)
+    with pytest.raises(BadValue, match=rf"^compliance_generalized_kelvin_voigt: elements must be {pair}"):
+        compliance_generalized_kelvin_voigt(Input("f", "N"), arms)

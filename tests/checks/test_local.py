@@ -142,6 +142,7 @@ def test_a_block_of_ones_own_states_its_law(tmp_path, monkeypatch, factor, passe
     report = stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
     assert report.passed == passes
     assert [c.name for c in report.checks if not c.passed] == ([] if passes else [f"{name}.Doubled"])
+    assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
 
 
 def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):

@@ -6,8 +6,10 @@ import json
 import numpy as np
 import pytest
 
+import stimlib
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
+from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import psychometric
 from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
@@ -19,6 +21,7 @@ from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 
 PAIR = Pair("silent", "softer", Stimulus("squeeze", {"k": 2.0}), Stimulus("squeeze", {"A": 3.4}), "k", asks_less=True)
 STAIRS = Staircase(PAIR, start=5.0, bounds=(0.1, 100.0))
+SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
 
 
 def says(trial: Trial, more: bool) -> Answer:
@@ -341,3 +344,77 @@ def test_questions_and_tasks_that_make_no_sense():
 def test_designs_of_nothing(made, what):
     with pytest.raises(BadValue, match=f"{made.__name__}: give at least one design, by the name of its {what}"):
         made({})
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (lambda: Staircase(PAIR, 5.0, (0.1, 100.0), steps=3.0), "Staircase: steps = 3.0 must be dB above 0"),
+        (
+            lambda: Staircase(PAIR, 5.0, (0.1, 100.0), reversals=2.5),
+            "Staircase: reversals = 2.5 must be a whole number from 1 on",
+        ),
+        (lambda: Staircase((PAIR, 5.0), 5.0, (0.1, 100.0)), "Staircase: task = .* makes no trials; give a task such as Pair"),
+        (
+            lambda: Listed((PAIR, 5.0)),
+            r"Listed: items = .* must be pairs \(task, level\), such as \(\(task, 1.0\), \(task, 2.0\)\)",
+        ),
+        (lambda: Listed(zip([PAIR], [5.0], strict=True)), "Listed: items = .* must be pairs"),
+        (lambda: Listed(((PAIR, 5.0),), repeats=2.5), "Listed: repeats = 2.5"),
+        (lambda: Interleaved([STAIRS]), "Interleaved: tracks = .* must be a dict of designs by name"),
+        (lambda: Parts([STAIRS]), "Parts: parts = .* must be a dict of designs by name"),
+        (lambda: Parts({"a": PAIR}), "Parts: 'a' is Pair.*, no design; put a task into one, such as Staircase or Listed"),
+        (lambda: Pair("a", "q", "squeeze", Stimulus("squeeze"), "k"), "Pair 'a': standard = 'squeeze' must be a Stimulus"),
+    ],
+)
+def test_a_design_of_wrong_parts_is_refused_where_it_is_made(made, says):
+    with pytest.raises(BadValue, match=says):
+        made()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            {"questions": choice("q", "?", "first", "second")},
+            r"questions = .* must be a tuple of Question, such as \(choice\(\.\.\),\)",
+        ),
+        ({"questions": ("q",)}, "questions = .* must be a tuple of Question"),
+        ({"scenes": SPRING}, "scenes must be a table of names to Scene"),
+        ({"timing": {"interval": 1.0}}, r"timing = .* must be a Timing, such as Timing\(interval=1.0\)"),
+        ({"design": PAIR}, "design = Pair.* is no design; put a task into one, such as Staircase or Listed"),
+        ({"bounds": {"k": 500.0}}, "bounds: k = 500.0 must be two finite numbers that rise"),
+        ({"bounds": [("k", 0.0, 1.0)]}, "bounds = .* must map names of parameters to"),
+    ],
+)
+def test_an_experiment_of_wrong_parts_is_refused_where_it_is_made(words, says):
+    usual = {"scenes": {"spring": SPRING}, "design": STAIRS, "questions": (choice("q", "?", "first", "second"),), "fs": 1000.0}
+    with pytest.raises(BadValue, match=says):
+        Experiment("e", "1", **{**usual, "safety": 10.0, **words})
+
+
+def test_quest_and_a_trial_of_another_chance_level_are_refused():
+    """Quest reads the task's, fits the trial's: of an odd-one-out in three it would search a curve without guesses."""
+
+    class Oddity:
+        condition = "odd"
+
+        def trial(self, level, seed, n):
+            return dc.replace(PAIR.trial(level, seed, n), chance=1 / 3)
+
+    design = Quest(Oddity(), (1.0, 2.0), means=(1.0, 2.0), deviations=(0.5,))
+    with pytest.raises(BadValue, match=r"Quest: the task has the chance level None, its trial 0.333; give the task's class"):
+        design.next(design.init(seed=1))
+    Oddity.chance = 1 / 3
+    assert design.next(design.init(seed=1)).chance == 1 / 3
+
+
+def test_quest_takes_rows_of_numpy_and_lists():
+    """As np.linspace gives them; a list failed at the first trial, an array where it was made."""
+    plain = Quest(PAIR, (1.0, 1.5, 2.0), means=(1.0, 1.5), deviations=(0.5,), trials=3)
+    rows = Quest(PAIR, np.linspace(1.0, 2.0, 3), means=[1.0, 1.5], deviations=np.array([0.5]), trials=3)
+    assert rows == plain and rows.next(rows.init(seed=1)) == plain.next(plain.init(seed=1))
+    with pytest.raises(BadValue, match="Quest: levels = 1.0 must be a row of numbers"):
+        Quest(PAIR, 1.0, means=(1.0,), deviations=(0.5,))
+    with pytest.raises(BadValue, match=r"Quest: means = \('a',\) must be a row of numbers"):
+        Quest(PAIR, (1.0,), means=("a",), deviations=(0.5,))

@@ -123,6 +123,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
     "words, says",
     [
         (["run", "{}:number", "--participant", "P1"], "is a int, no Experiment|there is no 'number'"),
+        (["run", "{}:shorts", "--participant", "P1"], "there is no 'shorts' in it: write .*; there is .*short"),
         (["run", "nothing", "--participant", "P1"], "write FILE.py:NAME, or one of ugrip, bounciness, roughness, nodules"),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
         (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink jak: choose one of null, offline"),

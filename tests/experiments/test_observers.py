@@ -213,3 +213,11 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
 def test_what_cannot_be_used_is_said(call, said):
     with pytest.raises((BadValue, UnknownName), match=said):
         call(PAIR.trial(120.0, 1, 0))
+
+
+def test_one_code_is_no_row_of_letters():
+    """As a sequence, "P01" would be three people: P, 0 and 1."""
+    with pytest.raises(BadValue, match=r"simulate: participants = 'P01' must be how many, or a list of codes such as \['P01'\]"):
+        simulate(experiment(), Psychometric(2.0, 0.5), "P01")
+    with pytest.raises(BadValue, match="simulate: participants = 2.0 must be"):
+        simulate(experiment(), Psychometric(2.0, 0.5), 2.0)
