@@ -206,6 +206,8 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         ({"k": [1.0, None]}, BadValue, "k has no value in row 1"),
         ({"k": [1.0, float("nan")]}, BadValue, "k = nan in row 1"),
         ({"k": ["soft"]}, BadValue, "k is a parameter, so it needs numbers"),
+        ({"k": [True]}, BadValue, "k is a parameter, so it needs numbers; got bool"),
+        ({"k": [0.5, 2**63]}, BadValue, "k = 9223372036854775808 in row 1 has no place in 64 bits beside the others"),
         ({"seed": [0, -1]}, BadValue, "seed = -1 in row 1"),
         ({"seed": [0.5]}, BadValue, "seed = 0.5 in row 0"),
         ({"k": [object()]}, BadValue, "rows cannot be read"),

@@ -196,7 +196,7 @@ def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     ("rows", "words", "error", "says"),
     [
         (pa.table([[1.0], [2.0]], names=["k", "k"]), {}, BadValue, "the column k is there twice"),
-        ({"motion": ["a"]}, {"motion": {"b": np.ones(400)}}, UnknownName, "there is no motion 'a'.*it has b"),
+        ({"motion": ["b", "a"]}, {"motion": {"b": np.ones(400)}}, UnknownName, "there is no motion 'a'.*it has b"),
         ({"k": [1.0]}, {"measures": [measure(k="N")(lambda run: 1.0)]}, BadValue, "a column k, and so do the measures"),
     ],
 )
