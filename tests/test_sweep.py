@@ -461,7 +461,7 @@ BROKEN: list[float] = []
 
 def weighed(p=1.0, q=1.0):
     if p in BROKEN:
-        raise BadValue("broken")
+        raise BadValue(f"broken {FACTOR['a']}")
     return Scene({"force": constant(p * FACTOR["a"] + q * FACTOR["b"], "N/m") * Input("x", "m")})
 
 
@@ -487,6 +487,10 @@ def test_a_row_that_failed_runs_again_where_its_function_was_corrected(tmp_path,
     rows, words = {"p": [1.0, 2.0, 3.0]}, RUN | {"measures": "rms", "out": tmp_path}
     monkeypatch.setattr(sys.modules[__name__], "BROKEN", [1.0])
     assert [bool(e) for e in sweep(weighed, rows, **words)["error"].to_pylist()] == [True, False, False]
+    monkeypatch.setitem(FACTOR, "a", 2.0)
+    again = sweep(weighed, {"p": [1.0, 5.0]}, retry=True, **words)["error"].to_pylist()
+    assert again == ["BadValue: broken 2.0", None], "the last error counts"
+    monkeypatch.setitem(FACTOR, "a", 1.0)
     monkeypatch.setattr(sys.modules[__name__], "BROKEN", [])
     assert sweep(weighed, rows, **words)["error"].null_count == 3
 
