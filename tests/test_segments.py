@@ -6,7 +6,7 @@ from contract import TABLE
 from laws import assert_same, mostly, random_cuts, rows, run
 
 import stimlib
-from stimlib import Input, Param, Scene, draw
+from stimlib import Input, Param, Scene, constant, draw
 from stimlib import blocks as b
 from stimlib.analysis.layout import Layout
 from stimlib.core.graph import Segment
@@ -82,6 +82,25 @@ def test_parts_of_one_run_share_it_and_others_do_not():
         assert np.array_equal(y[:100], z[k : k + 100]) == (seed is None)
     with pytest.raises(SceneError, match="two noise sources have the key seed=3"):
         Scene({"y": b.segment(noise, 0.0, 0.1), "z": b.segment(b.white_noise(3), 0.0, 0.1)})
+
+
+def test_a_segment_begins_and_lasts_to_the_nearest_sample():
+    for fs, start, duration, wanted in (
+        (1000, 0.0106, 0.0026, [11, 12, 13]),
+        (1000, 0.0104, 0.0024, [10, 11]),
+        (8, 0.0625, 0.125, [1]),
+    ):
+        y = stimlib.compile(Scene({"y": b.segment(b.elapsed() + constant(1.0, "s"), start, duration)}), fs, "python").process(20)[
+            0
+        ]
+        assert np.flatnonzero(y).tolist() == wanted
+
+
+def test_equal_segments_in_different_ones_are_apart():
+    inner = [b.segment(b.white_noise(3), 0.0, 0.01) for _ in range(2)]
+    scene = Scene({"y": b.segment(inner[0], 0.0, 0.02) + b.segment(inner[1], 0.05, 0.02)})
+    y = stimlib.compile(scene, 1000, "python").process(80)[0]
+    assert np.array_equal(y[:10], y[50:60]) and np.flatnonzero(y).tolist() == [*range(10), *range(50, 60)]
 
 
 def test_a_parameter_moves_within_a_segment_and_copies_are_apart():

@@ -206,6 +206,8 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         ({"k": [1.0, None]}, BadValue, "k has no value in row 1"),
         ({"k": [1.0, float("nan")]}, BadValue, "k = nan in row 1"),
         ({"k": ["soft"]}, BadValue, "k is a parameter, so it needs numbers"),
+        ({"k": [True]}, BadValue, "k is a parameter, so it needs numbers; got bool"),
+        ({"k": [0.5, 2**63]}, BadValue, "k = 9223372036854775808 in row 1 has no place in 64 bits beside the others"),
         ({"seed": [0, -1]}, BadValue, "seed = -1 in row 1"),
         ({"seed": [0.5]}, BadValue, "seed = 0.5 in row 0"),
         ({"k": [object()]}, BadValue, "rows cannot be read"),
@@ -467,6 +469,52 @@ def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatc
     for retry in (True, False):
         again = sweep(SPRING, rows, out=tmp_path, retry=retry, **words)
         assert [e is None for e in again["error"].to_pylist()] == [False, True, True, True]
+
+
+FACTOR = {"a": 1.0, "b": 1.0}
+BROKEN: list[float] = []
+
+
+def weighed(p=1.0, q=1.0):
+    if p in BROKEN:
+        raise BadValue(f"broken {FACTOR['a']}")
+    return Scene({"force": constant(p * FACTOR["a"] + q * FACTOR["b"], "N/m") * Input("x", "m")})
+
+
+def test_each_kept_scene_and_motion_is_compared_with_today_s(tmp_path, monkeypatch):
+    """A change of one of several combinations of arguments, or of one of several motions, is seen in its rows."""
+    rows, words = grid(p=[0.0, 1.0], q=[0.0, 1.0]), RUN | {"measures": "rms"}
+    sweep(weighed, rows, out=tmp_path / "a", **words)
+    with pytest.raises(BadValue, match="row 1 .* is kept with the figures of another scene"), monkeypatch.context() as m:
+        m.setitem(FACTOR, "b", 2.0)
+        sweep(weighed, rows, out=tmp_path / "a", **words)
+    with pytest.raises(BadValue, match="row 2 .* is kept with the figures of another scene"), monkeypatch.context() as m:
+        m.setitem(FACTOR, "a", 2.0)
+        sweep(weighed, rows, out=tmp_path / "a", **words)
+    hands = {"a": lambda t: FACTOR["a"] * t, "b": lambda t: FACTOR["b"] * t}
+    rows, words = {"motion": ["a", "b"]}, words | {"motion": hands}
+    sweep(SPRING, rows, out=tmp_path / "b", **words)
+    with pytest.raises(BadValue, match="row 1 .* of another scene or motion"), monkeypatch.context() as m:
+        m.setitem(FACTOR, "b", 2.0)
+        sweep(SPRING, rows, out=tmp_path / "b", **words)
+
+
+def test_a_row_that_failed_runs_again_where_its_function_was_corrected(tmp_path, monkeypatch):
+    rows, words = {"p": [1.0, 2.0, 3.0]}, RUN | {"measures": "rms", "out": tmp_path}
+    monkeypatch.setattr(sys.modules[__name__], "BROKEN", [1.0])
+    assert [bool(e) for e in sweep(weighed, rows, **words)["error"].to_pylist()] == [True, False, False]
+    monkeypatch.setitem(FACTOR, "a", 2.0)
+    again = sweep(weighed, {"p": [1.0, 5.0]}, retry=True, **words)["error"].to_pylist()
+    assert again == ["BadValue: broken 2.0", None], "the last error counts"
+    monkeypatch.setitem(FACTOR, "a", 1.0)
+    monkeypatch.setattr(sys.modules[__name__], "BROKEN", [])
+    assert sweep(weighed, rows, **words)["error"].null_count == 3
+
+
+def test_an_error_of_most_rows_is_theirs_where_the_middle_one_has_none(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "BROKEN", [1.0, 2.0, 4.0, 5.0])
+    table = sweep(weighed, {"p": [1.0, 2.0, 3.0, 4.0, 5.0]}, measures="rms", **RUN)
+    assert [bool(e) for e in table["error"].to_pylist()] == [True, True, False, True, True]
 
 
 def test_a_folder_of_others_is_left_alone(tmp_path):

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import types
 import typing
+from collections import deque
 
 import numba
 import numpy as np
@@ -48,6 +49,14 @@ def level(run, low=0.0, high=1.0):
 
 def of(value):
     return lambda run: value
+
+
+def ring(length):
+    """Return a list in a list; the inner one holds itself, or the outer one."""
+    inner: list = []
+    outer = [inner]
+    inner.append((inner, outer)[length - 1])
+    return outer
 
 
 def guarded(a, b):
@@ -125,6 +134,8 @@ PAIRS = {
     "globals of a nested function": tuple(eval("lambda r: lambda: lambda: K", {"K": k}) for k in (1, 2)),
     "lists and tuples": (of([1.0]), of((1.0,))),
     "what wraps a function of numpy": tuple(functools.wraps(np.sum)(of(k)) for k in (1.0, 2.0)),
+    "where a cycle closes": (ring(1), ring(2)),
+    "queues behind others": tuple(of([deque([k]) for k in (*range(20), last)]) for last in (20, 21)),
     "units of one version": tuple(measure(u, version="1")(level) for u in ("N", "m")),
     "names of one version": tuple(measure("N", version="1")(f) for f in (level, guarded)),
     "what is prepared": tuple(measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)),
@@ -213,7 +224,9 @@ def test_the_file_of_a_compiled_module_counts(monkeypatch, tmp_path):
     assert found[0] != found[1] == found[2]
 
 
-@pytest.mark.parametrize("use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), lambda r: norm.cdf(r)])
+@pytest.mark.parametrize(
+    "use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), of([scipy.signal]), lambda r: norm.cdf(r)]
+)
 def test_another_version_of_a_package_is_something_else(monkeypatch, use):
     before = identity(use, "f")
     monkeypatch.setattr(scipy, "__version__", "0")

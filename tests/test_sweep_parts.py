@@ -1,6 +1,7 @@
 """Parts of sweeps on their own: jobs that die, what a worker is told, units of figures, and what is refused."""
 
 import dataclasses
+import pickle
 import threading
 import types
 
@@ -22,7 +23,7 @@ from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import as_bytes, from_bytes
+from stimlib.sweep.work import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
 
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
 STEADY = {"motion": np.full(400, 0.5), "fs": 8000, "seconds": None, "live": None, "measures": ["peak"], "kept": True}
@@ -71,6 +72,27 @@ def test_a_job_that_dies_runs_again_without_the_row_that_ended_it():
     assert [e for e in made["error"].to_pylist() if e] == [f"{DEATHS} times: it ended"]
     assert made["content"][6].as_py() == bytes(range(16)) != made["content"][5].as_py() == made["content"][7].as_py()
     assert engine.died[0] > 1 and engine.died[1:] == [1] * (DEATHS - 1)
+
+
+def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch):
+    table, plan, motions = prepared({"k": [1.0, 2.0]})
+    noted = []
+    monkeypatch.setattr("stimlib.sweep.work.pool.note", lambda *told: noted.append(told))
+    made = Runner(plan, motions).run(table.to_pylist())
+    contents = made["content"].to_pylist()
+    assert noted == [(0, NO_SCENE), (0, contents[0]), (1, NO_SCENE), (1, contents[1])] and contents[0] != NO_SCENE
+
+
+def test_a_worker_has_the_limits_of_the_sweep(monkeypatch):
+    _, plan, motions = prepared({"k": [1.0]})
+    monkeypatch.setattr(stimlib.limits, "table_knots", stimlib.limits.table_knots)  # to be put back
+    monkeypatch.setattr("stimlib.sweep.work._runner", None, raising=False)
+    begin(pickle.dumps((dataclasses.replace(plan, limits=plan.limits | {"table_knots": 77}), motions)))
+    assert stimlib.limits.table_knots == 77
+
+
+def test_a_long_error_is_cut():
+    assert error_text(ValueError(1000 * "x")) == f"ValueError: {488 * 'x'}"
 
 
 def test_a_row_past_its_limit_does_not_run_again():
@@ -196,7 +218,7 @@ def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     ("rows", "words", "error", "says"),
     [
         (pa.table([[1.0], [2.0]], names=["k", "k"]), {}, BadValue, "the column k is there twice"),
-        ({"motion": ["a"]}, {"motion": {"b": np.ones(400)}}, UnknownName, "there is no motion 'a'.*it has b"),
+        ({"motion": ["b", "a"]}, {"motion": {"b": np.ones(400)}}, UnknownName, "there is no motion 'a'.*it has b"),
         ({"k": [1.0]}, {"measures": [measure(k="N")(lambda run: 1.0)]}, BadValue, "a column k, and so do the measures"),
     ],
 )

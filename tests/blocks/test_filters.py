@@ -192,7 +192,8 @@ def test_a_resonance_has_the_width_and_the_ring_of_its_docstring(make, fs):
         (lambda: b.svf(X, 100, mode="low"), "mode = 'low'; choose one of lowpass"),
         (lambda: b.svf(X, Param("f", -3.0, "Hz")), "cutoff = -3.0 must be above 0"),
         (lambda: b.integrate(X, -1), "leak = -1 1/s must be 0 or above"),
-        (lambda: b.envelope_follower(X, attack=-1), "attack = -1 s must be 0 or above"),
+        (lambda: b.envelope_follower(X, attack=-0.01), "attack = -0.01 s must be 0 or above"),
+        (lambda: b.envelope_follower(X, release=-0.01), "release = -0.01 s must be 0 or above"),
     ],
 )
 def test_what_makes_no_sense_is_told_at_once(make, text):
@@ -319,3 +320,5 @@ def test_a_level_rises_and_falls_with_its_time_constants():
     proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
     y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]
     np.testing.assert_allclose(y[[9, 49, 149]], [-2 * np.expm1(-1), -2 * np.expm1(-5), y[49] * np.exp(-1)], rtol=1e-12)
+    short = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.0005)}), 1000)  # of half a sample
+    assert short.process(np.array([[2.0]]))[0, 0] == pytest.approx(-2 * np.expm1(-2), rel=1e-12)

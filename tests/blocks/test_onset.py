@@ -11,6 +11,7 @@ X = Input("x", "m")
 ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -0.2, 0.0, 2.0, -1.8, 0.0]]
 FILTERS = {
     "fir": lambda x, **o: b.fir(x, [0.3, -1.2, 2.5, 0.1], "1/s", **o),
+    "fir of a gain below 0": lambda x, **o: b.fir(x, [-1.0, 0.2], "1", **o),
     "differentiator": lambda x, **o: b.differentiator(x, 100.0, order=64, tol=0.01, **o),
     "delay": lambda x, **o: b.delay(x, samples=9, **o),
     "moving_average": lambda x, **o: b.moving_average(x, 0.02, **o),
@@ -61,6 +62,13 @@ def test_what_a_hand_at_20_mm_does_in_its_first_sample():
     steady = {"v": b.velocity(X), "t": b.track(X), "s": b.springpot(X, 3.0, 0.5), "m": b.maxwell(X, 3.0, tau=1.0)}
     y = stimlib.compile(Scene(steady), 8000, "python").process(np.full((1, 64), 0.02))
     np.testing.assert_allclose(y, np.array([0.0, 0.02, 0.0, 0.0])[:, None] + np.zeros((1, 64)), rtol=0, atol=1e-17)
+
+
+def test_a_steady_start_of_a_noise_is_at_sample_0():
+    """And not where the noise began, some samples before."""
+    noise = b.white_noise(1)
+    late, now = stimlib.compile(Scene({"y": b.delay(noise, samples=2, onset="steady"), "n": noise}), 1000).process(4)
+    assert late.tolist() == [now[0], now[0], now[0], now[1]]
 
 
 def test_a_moving_cutoff_stays_steady():

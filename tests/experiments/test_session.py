@@ -29,7 +29,7 @@ from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import columns, read, sessions, status
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Identify, Show
-from stimlib.experiments.trial import Answer, Record, Stimulus, Trial
+from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.scenes import SHIPPED
@@ -204,9 +204,17 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     assert shown["intervals"] == [tuple(a) for a in then["intervals"]]
     assert shown["peak"]["force"][0] > 1.5 * then["peak"]["force"][0]  # twice, where the burst is
     record = Record(1, saved.records[0].trial, saved.records[0].answer, [shown])
-    assert record.time == "own" and Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
+    assert record.time == Record(1, record.trial, record.answer, [then, shown]).time == "own"  # as displayed last
+    assert Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
     with pytest.raises(BadValue, match="another experiment or version: experiment.design differs"):
         Session(made, tmp_path / "data", "P01", resume=True).__enter__()
+
+
+def test_an_outcome_is_what_the_first_question_counts_for():
+    trial = Trial("a", (), ("softer", "sure"), scores={"first": 0.0, "second": 1.0})
+    assert outcome(trial, Answer({"sure": "first", "softer": "second"})) == 1.0
+    with pytest.raises(BadValue, match="is no choice"):
+        outcome(trial, Answer({"softer": ["second"]}))
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
