@@ -142,6 +142,8 @@ def poisoned(kind="none"):
             sys.exit(4)
         case "interrupt":
             raise KeyboardInterrupt
+        case "generator":
+            raise GeneratorExit
         case "unspeakable":
             raise Unspeakable
         case "hang":
@@ -167,6 +169,30 @@ def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tm
     parts = set(tmp_path.glob("part-*"))
     again = sweep(poisoned, {"kind": [k for k in harm if k != "hang"]}, **words)
     assert len(again["error"].drop_null()) == 6 and set(tmp_path.glob("part-*")) == parts, "nothing runs again"
+
+
+@pytest.mark.parametrize("kind", ["interrupt", "generator"])
+def test_what_the_first_row_raises_is_its_error_whatever_it_is(kind):
+    table = sweep(poisoned, {"kind": [kind, "none"]}, **RUN | {"measures": "peak", "workers": 1})
+    name = {"interrupt": "KeyboardInterrupt", "generator": "GeneratorExit"}[kind]
+    assert table["error"].to_pylist() == [f"{name}: ", None]
+
+
+@pytest.mark.parametrize("there", ["make", "measure"])
+def test_ctrl_c_ends_a_sweep_whose_rows_run_here(there):
+    def made(k=0.0):
+        if there == "make" and k == 1.0:
+            raise KeyboardInterrupt
+        return Scene({"y": 1.0 * Input("x")})
+
+    @measure("1")
+    def last(run):
+        if there == "measure":
+            raise KeyboardInterrupt
+        return run["y"][-1]
+
+    with pytest.raises(KeyboardInterrupt, match="[01] of 3 rows were done, and are lost"):
+        sweep(made, {"k": [0.0, 1.0, 2.0]}, **RUN | {"measures": last, "workers": 0})
 
 
 def test_a_row_that_takes_memory_is_an_error_of_that_row(monkeypatch):

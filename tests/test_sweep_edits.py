@@ -1,12 +1,15 @@
 """An edit between two runs of a sweep: its figures are those of today's source, or the folder is refused."""
 
 import hashlib
+import json
+import os
+import subprocess
 import sys
 import types
 
 import numpy as np
 import pytest
-from laws import mostly
+from laws import STRESS, mostly
 
 from stimlib import BadValue
 from stimlib.sweep import sweep
@@ -204,3 +207,24 @@ def test_what_is_not_run_makes_no_row_run_again(kept, name, tmp_path):
     parts = set(tmp_path.rglob("part-*"))
     assert old in source and kept(source.replace(old, new)).equals(before)
     assert set(tmp_path.rglob("part-*")) == parts
+
+
+PLACES = ("script", "module", "package", "reloaded", "notebook")
+
+
+@pytest.mark.parametrize("workers", mostly([0], [0, 1]))
+@pytest.mark.parametrize("place", PLACES)
+def test_wherever_the_source_is_an_edit_counts_and_what_is_not_run_does_not(place, workers, tmp_path):
+    """All edits in make stress, a few of them with rows in a process of their own; else a few edits, others for each place."""
+    step = 1 if STRESS and not workers else 34
+    at = PLACES.index(place) % step
+    start = HEAD + "np.of_a_test = None\n" + PLAIN
+    cases = {**dict(list(EDITS.items())[at::step]), **dict(list(NOT_RUN.items())[at::step])}
+    given = [(name, start + source, start + source.replace(old, new)) for name, (source, old, new) in cases.items()]
+    command = [sys.executable, os.path.join(os.path.dirname(__file__), "edited.py"), place, str(tmp_path), str(workers)]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ran = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, env=env)
+    told = dict(map(json.loads, ran.stdout.splitlines()))
+    assert told.keys() == cases.keys(), ran.stderr
+    right = {name: ("refused", "run again") if name in EDITS else ("kept",) for name in cases}
+    assert not {name: what for name, what in told.items() if not what.startswith(right[name])}

@@ -368,8 +368,8 @@ def note(at: int, data: bytes) -> None:
 
 
 def ended(e: BaseException) -> bool:
-    """Return whether an exception is the end that the driver asked for."""
-    return isinstance(e, _Ended)
+    """Return whether an exception is the end that the driver asked for, or in the driver itself, Ctrl-C."""
+    return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _notes[1] != os.getpid())
 
 
 def serve(connection: int, notes: int, memory: int | None) -> None:

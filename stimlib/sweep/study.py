@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import errors
 from ..core.bounds import limits
-from ..core.pool import Pool, WorkerDied, note, terminable
+from ..core.pool import Pool, WorkerDied, ended, note, terminable
 from ..core.program import rate, warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
@@ -382,7 +382,9 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
         row = table.slice(rows[k], 1).to_pylist()[0]
         try:
             scene = make(**{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")})
-        except (Exception, SystemExit) as e:
+        except BaseException as e:
+            if ended(e):
+                raise
             error = error or e
             continue
         if not isinstance(scene, Scene):

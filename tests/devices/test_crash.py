@@ -22,6 +22,7 @@ from stimlib.cli import app
 from stimlib.devices.null import NullSink
 from stimlib.errors import SinkError
 from stimlib.files import audio as file
+from stimlib.files import publish
 from stimlib.files.formats import FORMATS
 from stimlib.files.log import LogWriter, header
 from stimlib.files.publish import recover
@@ -134,20 +135,43 @@ def test_whenever_it_is_killed_the_pair_is_whole_or_recovered(tmp_path, format, 
     for trial in range(KILLS):
         path = tmp_path / f"{trial}.{format.lower()}"
         killed_after(RNG.uniform(0.0, 0.3), write_fast, str(path), subtype)
-        for name in (path, tmp_path / f"{trial}r.{format.lower()}"):
+        try:
+            got = file.read(path)[0]
+        except SinkError as e:
+            if "recover" not in str(e):  # killed before there was a file to put samples into
+                assert "there is no file" in str(e) and not {path.name, f"{path.name}.part"} & set(os.listdir(tmp_path))
+                continue
             try:
-                got = file.read(name)[0]
-            except SinkError as e:
-                if "recover" not in str(e):
-                    assert name != path
-                    continue
-                try:
-                    recover(path, overwrite=True)
-                except SinkError as none:  # killed before its first sample
-                    assert "nothing to recover" in str(none)
-                    continue
-                got = file.read(path)[0]
-            assert np.array_equal(got, y[:, : got.shape[1]])
+                recover(path, overwrite=True)
+            except SinkError as none:  # killed before its first sample
+                assert "nothing to recover" in str(none)
+                continue
+            got = file.read(path)[0]
+        assert np.array_equal(got, y[:, : got.shape[1]])
+
+
+def begin(path):
+    """Stop where NAME.part.json is there, and nothing else yet."""
+    publish._draft = lambda *_: print("there", flush=True) or time.sleep(600)
+    print("go", flush=True)
+    file.write(path, stimlib.compile(scene(), 8000.0), {"x": HAND}, 0.5, full_scale=64.0)
+
+
+@pytest.mark.parametrize("suffix", ["rf64", "flac"])
+def test_a_run_killed_before_its_first_sample_has_left_nothing_to_recover(tmp_path, suffix):
+    path = tmp_path / f"a.{suffix}"
+    with child(begin, str(path)) as job:
+        try:
+            assert [job.stdout.readline() for _ in range(2)] == ["go\n", "there\n"]
+        finally:
+            job.kill()
+    assert os.listdir(tmp_path) == [f"{path.name}.part.json"]
+    with pytest.raises(SinkError, match=f"there is no file .*{path.name}$"):
+        file.read(path)
+    with pytest.raises(SinkError, match=f"nothing to recover: there is no .*{path.name}.part$"):
+        recover(path)
+    file.write(path, stimlib.compile(scene(), 8000.0), {"x": HAND}, 0.5, full_scale=64.0)
+    assert set(os.listdir(tmp_path)) == {path.name, f"{path.name}.json"}
 
 
 def leave(path, frames=4000):
