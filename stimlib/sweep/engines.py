@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import threading
 import time
 import warnings
@@ -93,7 +92,7 @@ def packed(what: Any) -> bytes:
     """A pickle that also carries functions of a script or a notebook."""
     try:
         return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(what)
-    except (pickle.PicklingError, TypeError, AttributeError) as e:
+    except Exception as e:  # of objects of the user's, too
         raise BadValue(f"sweep: scene, motion or measures cannot be sent to another process: {e}") from e
 
 
