@@ -8,9 +8,9 @@ from laws import STRESS, mostly
 from scipy import stats
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import Input, Param, Scene, constant
 from stimlib.analysis import spectra
-from stimlib.blocks import delay, enabled, loop, pinking, springpot, white_noise
+from stimlib.blocks import delay, enabled, loop, nonzero, pinking, springpot, white_noise
 from stimlib.blocks.fractional import Springpot
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue
@@ -69,6 +69,21 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
                             law.error(lambda f, p=p, fs=fs: Springpot.transfer(p, np.exp(2j * np.pi * f / fs)), fs) / law.tol,
                         )
     assert worst < 0.1
+
+
+@pytest.mark.parametrize("scheme", ["gl", "l1"])
+@pytest.mark.parametrize("seconds", [0.008, 0.1, 3.0])
+def test_springpots_of_a_short_horizon_pass(scheme, seconds):
+    scene = Scene({"f": springpot(Input("y", "m"), 3.0, 0.4, scheme, 1e-10, seconds)})
+    r = report(scene, {"y": minimum_jerk()}, 1000, min(seconds, 0.5))
+    assert r.passed, str(r)
+    assert any(c.group == "a2" for c in r.checks) == (seconds == 3.0)
+
+
+@pytest.mark.parametrize("gate", [Param("g", 1.0), nonzero(Param("g", 1.0)), white_noise(seed=2) > 0.0, constant(2.0)])
+def test_noise_behind_a_gate_that_ran_before_sample_0_passes(gate):
+    r = report(Scene({"y": enabled(white_noise(seed=1), by=gate)}), {}, seconds=0.3)
+    assert r.passed, str(r)
 
 
 @pytest.mark.parametrize(("alpha", "fs", "tol"), [(0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13)])
