@@ -10,7 +10,22 @@ import numpy as np
 
 from ..blocks.maps import Nonzero
 from ..blocks.noise import White
-from ..core.graph import Block, Const, Enabled, Input, Map, Param, Pick, Segment, Subsystem, as_block, reach, signals, type_name
+from ..core.graph import (
+    Block,
+    Const,
+    Enabled,
+    Input,
+    Map,
+    Param,
+    Pick,
+    Segment,
+    Subsystem,
+    as_block,
+    pack,
+    reach,
+    signals,
+    type_name,
+)
 from ..core.loops import Last, Loop, Tap
 from ..core.scene import Scene
 from ..errors import BadValue
@@ -159,6 +174,8 @@ def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
 
 def _one(b: Block, seen: Any, fs: float, seed: int, x: Any, params: Any, changes: Any, where: str, n: int) -> Held:
     kind, y = type_name(type(b)), seen[id(b)]
+    if not n:
+        return Held(b, where, 0, 0.0, "something in the scene is not finite at sample 0")
     if isinstance(b, Input):
         return Held(b, where, n, _error(y, x[b.name][:n], 0.0))
     if isinstance(b, Param):
@@ -170,12 +187,7 @@ def _one(b: Block, seen: Any, fs: float, seed: int, x: Any, params: Any, changes
     none = "held by its response alone, (a2)" if b.laws(fs) else "no law of its output from its inputs is known"
     if law is None:
         return Held(b, where, 0, 0.0, none)
-    if (
-        b.autonomous
-        and not isinstance(b, Map)
-        and (kind in rows.SETTLED or any(c.noise_key for c in reach([b])))
-        and signals(type(b))
-    ):
+    if b.autonomous and signals(type(b)) and kind not in rows.WAITING and pack(b.design(fs)[1]).size:
         return Held(b, where, 0, 0.0, "it begins before sample 0, where its inputs are not seen")
     got = [seen[id(getattr(b, s))] for s in signals(type(b))]
     try:

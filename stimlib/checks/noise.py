@@ -75,7 +75,12 @@ def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None
     except SceneError:
         return None
     like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
-    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design)(t.seed)]
+    # states of the blocks that run early, which the inputs keep these from
+    design = [
+        (p, old[id(q.block)].design(e.fs)[1] if q.kind == "block" and id(q.block) in old else s)
+        for q, (p, s) in zip(proc.program.instances, proc.design, strict=True)
+    ]
+    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), design)(t.seed)]
     rows = {"white_{}_{}".format(*key): white for (seed, key), white in known.items() if seed == t.seed}
     early = lead(e.fs)
     x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])

@@ -22,8 +22,8 @@ Rows = list[Row]
 Law = Callable[[Any, float, Rows, Row], tuple[Row, Any] | None]
 LAWS: dict[str, Law] = {}
 """By the name of a class."""
-SETTLED = {"Envelope", "Follower", "Ring", "SlewLimit", "StaticLimit", "Svf", "Texture"}
-"""Classes with a memory of what was before sample 0, which their law does not see."""
+WAITING = {"Carrier", "Oscillator", "PulseTrain"}
+"""Classes that begin at sample 0 although they run before it, as all others do that no input reaches."""
 ULP = 2.0**-52
 TIE = 1e-9  # of a place: so near to an edge either side is right
 
