@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from collections import deque
 from math import pi
 
@@ -30,6 +31,7 @@ from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
 from stimlib.sweep.drive import job_rows
+from stimlib.sweep.engines import Local
 from stimlib.sweep.identity import identity
 from stimlib.sweep.rows import table_of
 
@@ -644,6 +646,40 @@ def test_helpers_in_a_module_of_ones_own_count(tmp_path, monkeypatch):
         helper = importlib.import_module("helper_of_a_sweep")
         found.append(identity(lambda r, helper=helper: np.sum(helper.level(r)), "f"))
     assert found[0] != found[1] == found[2]
+
+
+OF_A_STUDY = """
+from stimlib import Input, Scene
+K = 1.0
+def make(a): return Scene({"y": K * a * Input("x")})
+def hand(t): return K + 0.0 * t
+"""
+
+
+def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch):
+    (tmp_path / "of_a_study.py").write_text(OF_A_STUDY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # the time of a cached file has whole seconds
+    study = importlib.import_module("of_a_study")
+    words = RUN | {"measures": "peak", "workers": 1, "seconds": 0.1, "motion": np.ones(800)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sweep(study.make, {"a": [1.0]}, **words)["peak_y"].to_pylist() == [1.0]
+        study.K = 2.0
+        assert sweep(study.make, {"a": [1.0]}, **words | {"workers": 0})["peak_y"].to_pylist() == [2.0]
+    with pytest.warns(RuntimeWarning, match="scene is not the same in the processes that run the rows"):
+        sweep(study.make, {"a": [1.0]}, **words)
+    with pytest.warns(RuntimeWarning, match="motion is not the same"):
+        sweep(lambda a: SPRING, {"a": [1.0]}, **words | {"motion": study.hand})
+    study.K = 1.0
+
+    def edited(*words):
+        (tmp_path / "of_a_study.py").write_text(OF_A_STUDY.replace("1.0", "5.0"))
+        return Local(*words)
+
+    monkeypatch.setattr("stimlib.sweep.study.Local", edited)
+    with pytest.raises(BadValue, match="scene: a file of yours has changed since the sweep began; start it again"):
+        sweep(study.make, {"a": [1.0]}, **words)
 
 
 def test_recorded_hands_have_their_own_lengths():

@@ -7,11 +7,13 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from stimlib import BadValue, SinkError
+from stimlib import BadValue, Input, Scene, SinkError
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.sweep import engines, grid, measure, sweep
@@ -109,6 +111,22 @@ def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monk
         table = sweep(SCENE, ROWS, measures="rms", on=client, **WORDS)
     assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[:1] and len(said) == 1, said
     assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=1, **WORDS))
+
+
+def test_two_sweeps_at_once_have_their_own_factories(cluster):
+    def figures(k):
+        def make(a):
+            time.sleep(0.02)
+            return Scene({"y": k * a * Input("x")})
+
+        words = {"motion": np.ones(10), "measures": "peak", "fs": 1000, "progress": False}
+        with distributed.Client(cluster.scheduler.address, set_as_default=False) as client:
+            return sweep(make, {"a": 1.0 + np.arange(100)}, on=client, **words)["peak_y"].to_numpy()
+
+    with ThreadPoolExecutor() as threads:
+        one, five = threads.map(figures, (1.0, 5.0))
+    np.testing.assert_array_equal(one, 1.0 + np.arange(100))
+    np.testing.assert_array_equal(five, 5.0 * one)
 
 
 @STRESS

@@ -66,6 +66,31 @@ def guarded(a, b):
         return b
 
 
+def low():
+    pass
+
+
+def high():
+    pass
+
+
+def partial_of(k):
+    return functools.update_wrapper(functools.partial(level, low=k), level)
+
+
+def with_number(f, k):
+    f.k = k
+    return f
+
+
+def of_child(shared):
+    """Return a function of a tree: the child of the second branch is that of the first, or one of its own."""
+    root, branch = (types.SimpleNamespace() for _ in range(2))
+    root.a, root.b, branch.level = types.SimpleNamespace(up=root), branch, 1.0
+    branch.child = root.a if shared else types.SimpleNamespace(up=branch)
+    return lambda run: root.b.child.up.b
+
+
 guarded_nowhere = types.FunctionType(guarded.__code__.replace(co_exceptiontable=b""), globals())
 
 
@@ -138,6 +163,12 @@ PAIRS = {
     "queues behind others": tuple(of([deque([k]) for k in (*range(20), last)]) for last in (20, 21)),
     "units of one version": tuple(measure(u, version="1")(level) for u in ("N", "m")),
     "names of one version": tuple(measure("N", version="1")(f) for f in (level, guarded)),
+    "keywords of a partial that has the name of its function": tuple(map(partial_of, (1.0, 2.0))),
+    "attributes of what is cached": tuple(with_number(functools.cache(of(0.0)), k) for k in (1.0, 2.0)),
+    "signatures of compiled functions": tuple(numba.njit(f"{t}(float64)")(lambda low: low) for t in ("float32", "float64")),
+    "types in compiled functions": tuple(numba.njit(locals={"low": t})(level) for t in (numba.float32, numba.float64)),
+    "names of functions": (of(low), of(high)),
+    "children of another parent": tuple(map(of_child, (True, False))),
     "what is prepared": tuple(measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)),
 }  # fmt: skip
 
@@ -169,6 +200,9 @@ def test_the_same_made_again_is_the_same():
 USES = {
     "an attribute": "import own_study.helper as h\ndef f(r): return h.level(r)",
     "the module itself": "import own_study.helper as h\ndef f(r): return vars(h)",
+    "a submodule that is passed on": "import own_study.helper\ndef g(m): return m.level\ndef f(r): return g(own_study.helper)",
+    "a submodule's dict": "import own_study.helper\ndef f(r): return own_study.helper.__dict__[''.join(['lev', 'el'])]",
+    "a property of the module": "import own_study.helper as h\ndef f(r): return h.other",
     "a submodule": "import own_study.helper\ndef f(r): return own_study.helper.level(r)",
     "a late import": "def f(r):\n    import own_study.helper as h\n    return h.level(r)",
     "a late name": "def f(r):\n    from own_study.helper import level\n    return level(r)",
@@ -207,6 +241,9 @@ def test_a_helper_counts_however_it_is_reached(monkeypatch, use):
     for k in (1, 2, 2):
         name = "__getattr__" if use == "a module's __getattr__" else "level"
         own_study(monkeypatch, f"def {name}(r): raise AttributeError({k})")
+        if use == "a property of the module":
+            kind = type("Kind", (types.ModuleType,), {"other": property(vars(sys.modules["own_study.helper"]).pop("level"))})
+            sys.modules["own_study.helper"].__class__ = kind
         if use == "a number of the package":
             sys.modules["own_study"].number, sys.modules["own_study.helper"].level = k, None
         scope = {"__name__": "own_study.measures", "__package__": "own_study"}
@@ -227,6 +264,26 @@ def test_the_file_of_a_compiled_module_counts(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     "use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), of([scipy.signal]), lambda r: norm.cdf(r)]
 )
+def test_the_file_of_a_compiled_class_or_function_counts(monkeypatch, tmp_path):
+    for what in ("class", "object", "function"):
+        found = []
+        for data in (b"1", b"2", b"2"):
+            (tmp_path / "helper.so").write_bytes(data)
+            own_study(monkeypatch, "", __file__=str(tmp_path / "helper.so"))
+            kind = type("Model", (), {"__module__": "own_study.helper", "level": float.hex})
+            function = types.SimpleNamespace(__module__="own_study.helper", __qualname__="level")
+            found.append(identity(of({"class": kind, "object": kind(), "function": function}[what]), "f"))
+        assert found[0] != found[1] == found[2], what
+
+
+def test_a_package_that_does_not_state_its_version_has_that_of_its_installation(monkeypatch):
+    monkeypatch.delattr(scipy, "__version__")
+    before = identity(lambda r: scipy.signal.welch(r), "f")
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "0")
+    assert identity(lambda r: scipy.signal.welch(r), "f") != before
+
+
+@pytest.mark.parametrize("use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), lambda r: norm.cdf(r)])
 def test_another_version_of_a_package_is_something_else(monkeypatch, use):
     before = identity(use, "f")
     monkeypatch.setattr(scipy, "__version__", "0")
@@ -245,6 +302,14 @@ def test_what_cannot_be_seen_is_refused():
         identity(lambda r: sys.modules["helper"], "f")
     with pytest.raises(BadValue, match="is a numpy.ufunc, whose content cannot be seen"):
         identity(np.frompyfunc(level, 1, 1), "f")
+    with pytest.raises(BadValue, match="uses __subclasses__, so what it computes from cannot be seen"):
+        identity(lambda r: Block.__subclasses__(), "f")
+    with pytest.raises(BadValue, match="_getframe finds code by a name"):
+        identity(lambda r: sys._getframe().f_locals, "f")
+    with pytest.raises(BadValue, match="_lru_cache_wrapper, whose content cannot be seen"):
+        identity(functools.update_wrapper(functools.cache(of(1.0)), level), "f")
+    with pytest.raises(BadValue, match="is a generator, whose content cannot be seen"):
+        identity(of(v for v in [1.0]), "f")
     with pytest.raises(BadValue, match="is a typing.TypeVar, whose content cannot be seen"):
         identity(typing.TypeVar("Lost"), "f")
 
@@ -416,9 +481,11 @@ def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatc
     assert identity(of(private), "f") != one
 
 
-def test_tables_of_pandas_are_known_again_in_another_process():
-    code = "import pandas as pd\nfrom stimlib.sweep.identity import identity\nw = pd.DataFrame({'w': [1.0, 2.0]})\n"
-    code += "print(identity(lambda run: w, 'f'))"
+@pytest.mark.parametrize(
+    "made", ["import pandas as pd\nw = pd.DataFrame({'w': [1.0, 2.0]})", "from scipy.stats import norm\nw = norm(0, 1)"]
+)
+def test_objects_of_packages_are_known_again_in_another_process(made):
+    code = f"{made}\nfrom stimlib.sweep.identity import identity\nprint(identity(lambda run: w, 'f'))"
     words = [sys.executable, "-c", code]
     one, other = (subprocess.run(words, capture_output=True, text=True, env=os.environ | {"PYTHONHASHSEED": s}) for s in "12")
     assert one.stdout == other.stdout != "", one.stderr

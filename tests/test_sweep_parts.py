@@ -154,11 +154,11 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
 
 
 def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
-    def peaks(k=2.0, name="a", **words):
+    def peaks(k=2.0, name="a", sweep="one", **words):
         given = {"motion": {name: words.pop("motion")}}
         table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
         keys = [(n, digest) for n, (digest, _) in motions.items()]
-        data, _ = run_beside(plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0)
+        data, _ = run_beside(sweep, plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0)
         return from_bytes(data).to_pylist()[0]["peak_force"]
 
     ramp = minimum_jerk(depth=1.0)
@@ -167,12 +167,15 @@ def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
         (process,) = engines._beside.values()
         assert first < peaks(motion=minimum_jerk(depth=2.0), seconds=0.05, name="b"), "another motion for the same process"
         assert (process,) == tuple(engines._beside.values())
-        assert first < peaks(motion=ramp, seconds=0.1) != peaks(motion=ramp, seconds=0.1, k=3.0)
+        assert first < peaks(motion=ramp, seconds=0.1, sweep="two") != peaks(motion=ramp, seconds=0.1, k=3.0, sweep="two")
+        end_beside("one")
+        assert len(engines._beside) == 1, "it ends the processes of its own sweep"
         table, plan, motions = prepared({"k": [3.0]}, fs=4000)
         with pytest.raises(BadValue, match="this worker has other versions: numpy .*, and not 1.0"):
-            run_beside(dataclasses.replace(plan, versions=plan.versions | {"numpy": "1.0"}), [], [], as_bytes(table), False, 1.0)
+            other = dataclasses.replace(plan, versions=plan.versions | {"numpy": "1.0"})
+            run_beside("two", other, [], [], as_bytes(table), False, 1.0)
     finally:
-        end_beside()
+        end_beside("two")
     assert not engines._beside
 
 

@@ -171,6 +171,8 @@ class Springpot(Block):
         return p, first_state(self.onset, rates.s.size, rates.fine)
 
     def laws(self, fs):
+        if self.horizon * fs < responses.SHORTEST:
+            return ()
         return (responses.springpot(self.order, self.scheme, self.tol, self.horizon, fs),)
 
     @staticmethod

@@ -76,6 +76,8 @@ class Series(Block):
         return SeriesParams(p.e, p.r, p.taps, p.constant, *numbers), SeriesState(s.line, s.q, s.low, 0.0, 0.0, 1.0)
 
     def laws(self, fs):
+        if self.horizon * fs < responses.SHORTEST:
+            return ()
         return (responses.series(self.chi, self.order, self.other, self.dashpot, self.scheme, self.tol, self.horizon, fs),)
 
     @staticmethod

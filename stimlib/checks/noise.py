@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Input, Param, Subsystem, reach, signals
+from ..core.graph import Block, Enabled, Input, Param, Subsystem, reach, signals
 from ..core.loops import Loop
 from ..core.program import first_states, lead
 from ..core.scene import Scene
@@ -43,7 +43,8 @@ def generator(e: Evidence) -> list[Check]:
     for t in e.taps:
         want = _fed(t, e, known)
         if want is None:
-            e.skipped.append(f"samples of {t.name} in {t.output}: a parameter, a gate or another generator is in it")
+            why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
+            e.skipped.append(f"samples of {t.name} in {t.output}: {why}")
             continue
         apart = float(np.abs(t.stream - want).max(initial=0.0) / (np.abs(want).max(initial=0.0) or 1.0))
         text = f"its filter fed with that generator, {t.stream.size} samples"
@@ -53,6 +54,8 @@ def generator(e: Evidence) -> list[Check]:
 
 def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None:
     """The enabled samples of a gated noise once more: its blocks without the gate, inputs in place of the sources."""
+    if isinstance(t.block, Enabled) and t.block.by.autonomous:  # it ran before sample 0, for as long as its gate was open
+        return None
     below = reach([t.block.block])
     whites = [b for b in below if b.noise_key]
     if any(isinstance(b, (Param, Subsystem, Loop)) for b in below) or any((t.seed, b.noise_key) not in known for b in whites):
@@ -72,7 +75,12 @@ def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None
     except SceneError:
         return None
     like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
-    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), proc.design)(t.seed)]
+    # states of the blocks that run early, which the inputs keep these from
+    design = [
+        (p, old[id(q.block)].design(e.fs)[1] if q.kind == "block" and id(q.block) in old else s)
+        for q, (p, s) in zip(proc.program.instances, proc.design, strict=True)
+    ]
+    proc.state = np.r_[proc.state[:2], first_states(proc.program._replace(instances=like), design)(t.seed)]
     rows = {"white_{}_{}".format(*key): white for (seed, key), white in known.items() if seed == t.seed}
     early = lead(e.fs)
     x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])

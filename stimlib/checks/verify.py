@@ -190,6 +190,8 @@ def _impulse(b: Block, p: Any, fs: float):
     bins = np.unique(np.geomspace(1, spectrum.size - 1, 600).astype(int))
     f = bins * fs / h.size
     settled = len(parts) >= least and last <= 1e-15 * peak
+    # of a tail that falls as a power of time, what is cut off is about its last sample times the length
+    settled = settled and last / SMALL * h.size <= 0.1 * ROUNDING * np.abs(spectrum).max()
     return f, kind.transfer(p, np.exp(2j * np.pi * f / fs)), spectrum[bins], settled  # type: ignore[misc]
 
 

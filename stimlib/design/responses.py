@@ -342,6 +342,10 @@ def _order_tol(fs: float, alpha: float, scheme: str, tol: float) -> float:
     return 10 * tol + (1e-12 if scheme == "gl" else (2 * math.pi / 1000) ** exponent)
 
 
+SHORTEST = 2000
+"""Samples of a springpot's horizon, below which no frequency up to fs/1000 has two periods in it: no law is known then."""
+
+
 def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
     """Orders from 0 to 1, from the horizon up to fs/1000."""
     text = {"gl": f"(fs (1 - 1/z))^{alpha:g}", "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences"}

@@ -42,16 +42,19 @@ def begin(thread: threading.Thread) -> threading.Thread:
 def account(e: BaseException) -> str:
     """Return the kind, the text and the place of an error that a user's function raised.
 
-    The text may be missing: making it runs code of the user's, which may fail too.
+    Each of them may be missing: asking for it runs code of the user's, which may fail too.
     """
-    try:
+    kind, text, place = "an error", "its text cannot be made", "its place cannot be found"
+    with suppress(BaseException):
         text = str(e)[:500]
-    except BaseException:
-        text = "its text cannot be made"
     if isinstance(e, StimlibError):
         return text
-    *_, (frame, line) = traceback.walk_tb(e.__traceback__)
-    return f"{type(e).__name__}: {text} ({frame.f_code.co_filename}:{line})"
+    with suppress(BaseException):
+        kind = type(e).__name__
+    with suppress(BaseException):
+        *_, (frame, line) = traceback.walk_tb(e.__traceback__)
+        place = f"{frame.f_code.co_filename}:{line}"
+    return f"{kind}: {text} ({place})"
 
 
 def fifo(priority: int = 60) -> bool:

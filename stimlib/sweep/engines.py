@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
 import threading
 import time
 import warnings
 from typing import Any, Self
+from uuid import uuid4
 
 from ..core.packages import package
 from ..core.pool import Pool, TimedOut, WorkerDied
@@ -92,7 +92,7 @@ def packed(what: Any) -> bytes:
     """A pickle that also carries functions of a script or a notebook."""
     try:
         return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(what)
-    except (pickle.PicklingError, TypeError, AttributeError) as e:
+    except Exception as e:  # of objects of the user's, too
         raise BadValue(f"sweep: scene, motion or measures cannot be sent to another process: {e}") from e
 
 
@@ -109,14 +109,16 @@ class Cluster:
             raise BadValue(f"on = {on!r:.80} must be a dask.distributed Client, or the address of a scheduler")
         self._plan, self._motions = plan, motions
         self._on = on
+        self._name = uuid4().hex
 
     def __enter__(self) -> Self:
         self._client = connected(self._on) if self._own else self._on
         try:
             self._check()
-            self._held = self._client.submit(same, self._plan, key=f"plan-{self._plan.key}-{self._plan.seconds}")
+            # no key from what they hold: another sweep may call another factory or motion by the same names
+            self._held = self._client.submit(same, self._plan, key=f"plan-{self._name}")
             self._hands = {
-                name: (digest, self._client.submit(same, given, key=f"motion-{digest.hex()}"))
+                name: (digest, self._client.submit(same, given, key=f"motion-{self._name}-{digest.hex()}"))
                 for name, (digest, given) in self._motions.items()
             }
         except BaseException:
@@ -130,7 +132,7 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         try:
             self._client.cancel(list(self._flying))
-            self._client.run(end_beside)
+            self._client.run(end_beside, self._name)
         except Exception:
             pass  # it went away
         self._close()
@@ -163,7 +165,7 @@ class Cluster:
         names = table["motion"].unique().to_pylist() if "motion" in table.column_names else [""]
         hands = [(name, *self._hands[name]) for name in names]
         keys, futures = [h[:2] for h in hands], [h[2] for h in hands]
-        future = self._client.submit(run_beside, self._held, keys, futures, data, look, seconds, pure=False)
+        future = self._client.submit(run_beside, self._name, self._held, keys, futures, data, look, seconds, pure=False)
         self._flying[future] = what
         self._done.add(future)
 
@@ -218,21 +220,21 @@ def same(what: Any) -> Any:
 
 
 _beside: dict[int, tuple[str, Local, set[bytes]]] = {}
-"""In a worker of Dask, by thread: key of the plan, the process beside it, and the motions that it has."""
+"""In a worker of Dask, by thread: name of the sweep, the process beside it, and the motions that it has."""
 
 
 def run_beside(
-    plan: Plan, keys: list[tuple[str, bytes]], motions: list[Any], data: bytes, look: bool, seconds: float
+    sweep: str, plan: Plan, keys: list[tuple[str, bytes]], motions: list[Any], data: bytes, look: bool, seconds: float
 ) -> tuple[bytes, float] | Death:
     """Run a job in a process beside a worker of Dask: what ends that is one row, and the worker goes on."""
     if (here := versions()) != plan.versions:
         raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
     given = {name: (digest, m) for (name, digest), m in zip(keys, motions, strict=True)}
-    thread, key = threading.get_ident(), f"{plan.key} {plan.seconds}"
-    if thread not in _beside or _beside[thread][0] != key:
+    thread = threading.get_ident()
+    if thread not in _beside or _beside[thread][0] != sweep:
         if thread in _beside:
             _beside.pop(thread)[1].__exit__()
-        _beside[thread] = key, Local(plan, given), {digest for _, digest in keys}
+        _beside[thread] = sweep, Local(plan, given), {digest for _, digest in keys}
     _, engine, known = _beside[thread]
     new = {name: m for name, m in given.items() if m[0] not in known}
     known.update(digest for digest, _ in new.values())
@@ -240,7 +242,8 @@ def run_beside(
     return engine.take()[1]
 
 
-def end_beside() -> None:
-    """End the processes beside a worker of Dask."""
-    while _beside:
-        _beside.popitem()[1][1].__exit__()
+def end_beside(sweep: str) -> None:
+    """End the processes beside a worker of Dask that a sweep has started."""
+    for thread in [t for t, (name, *_) in list(_beside.items()) if name == sweep]:
+        if (ended := _beside.pop(thread, None)) is not None:
+            ended[1].__exit__()

@@ -5,13 +5,16 @@ from __future__ import annotations
 import builtins
 import dis
 import functools
+import gc
 import hashlib
 import importlib
+import importlib.metadata
 import importlib.util
+import math
 import sys
 import sysconfig
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from copyreg import dispatch_table
 from pathlib import Path
@@ -47,8 +50,11 @@ NOT_RUN = {
     "__slotnames__",  # which copying and pickling add
 }
 """Attributes of a class that nothing is computed from."""
-BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules"}
+BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules", "resolve_name"}
+BY_NAME |= {"_getframe", "currentframe", "getmodule"}
 """What finds code by a name that is computed."""
+LISTS = {"__globals__", "f_globals", "__subclasses__", "__annotations__"}
+"""Attributes through which code finds what it does not name."""
 
 
 def identity(what: Any, called: str) -> str:
@@ -107,6 +113,8 @@ class _Walk:
     def __init__(self) -> None:
         self._known: dict[int, tuple[Any, str]] = {}  # the object is kept, so that its id stays its own
         self._open: list[int] = []
+        self._lowest = math.inf  # in self._open, of what was met again inside of the object that is walked
+        self._cyclic = 0
 
     def of(self, what: Any, path: str) -> str:
         """Return the hash of an object; path is how an error names it."""
@@ -116,14 +124,23 @@ class _Walk:
             return _hash(repr(what.dtype), repr(what))
         if id(what) in self._known:
             return self._known[id(what)][1]
+        depth = len(self._open)
         if id(what) in self._open:  # a cycle
-            return _hash("up", str(len(self._open) - self._open.index(id(what))))
+            at = self._open.index(id(what))
+            self._lowest = min(self._lowest, at)
+            return _hash("up", str(depth - at))
+        outside, self._lowest = self._lowest, math.inf
         self._open.append(id(what))
         try:
             found = _hash(type(what).__name__, *self._parts(what, path))
         finally:
             self._open.pop()
-        self._known[id(what)] = what, found
+        again = found
+        if self._lowest < depth:  # seen from elsewhere, "up" would be another object
+            self._cyclic += 1
+            again = _hash("again", str(self._cyclic))
+        self._known[id(what)] = what, again
+        self._lowest = min(self._lowest, outside)
         return found
 
     def _all(self, values: Any, path: str) -> list[str]:
@@ -150,6 +167,8 @@ class _Walk:
         if kind is np.ndarray and not what.dtype.hasobject:
             data = hashlib.sha256(np.ascontiguousarray(what).tobytes()).hexdigest()
             return [repr(what.dtype), str(what.shape), data]
+        if what is np.random.mtrand._rand:  # whose state is another one in each process
+            return [_version("numpy")]
         if kind in (list, tuple):
             return self._all(what, path)
         if kind in (set, frozenset):
@@ -180,6 +199,8 @@ class _Walk:
 
     # Code ------------------------------------------------------------------------------------
     def _code(self, code: types.CodeType, path: str) -> list[str]:
+        if found := LISTS & {*code.co_names}:
+            raise _by_name(path, min(found))
         constants = [c for c in code.co_consts]
         arguments = code.co_argcount + code.co_kwonlyargcount
         names = code.co_varnames if "locals" in code.co_names else code.co_varnames[:arguments]
@@ -195,7 +216,7 @@ class _Walk:
         code = f.__code__
         if f.__doc__ is not None and code.co_consts[:1] == (f.__doc__,):
             code = code.replace(co_consts=(None, *code.co_consts[1:]))  # the docstring is not run
-        parts = [*self._code(code, path), self.of(f.__defaults__, path), self.of(f.__kwdefaults__, path)]
+        parts = [f.__qualname__, *self._code(code, path), self.of(f.__defaults__, path), self.of(f.__kwdefaults__, path)]
         parts.append(self.of(f.__dict__, path))
         for name, cell in zip(code.co_freevars, f.__closure__ or (), strict=True):
             try:
@@ -218,12 +239,11 @@ class _Walk:
     def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:
         """Return the parts of what a function's code calls by a name."""
         if isinstance(value, types.ModuleType):
-            if _is_own(value.__name__) and name in _bare(code):
-                return [name, self.of(value, path)]
-            return [name, *self._attributes(value, _words(code), path)]
-        holder = sys.modules.get(type(value).__module__)
-        if holder is not None and not _is_own(holder.__name__) and getattr(holder, name, None) is value:
-            return [name, _version(holder.__name__)]  # an object that a package made, such as scipy.stats.norm
+            whole = [self.of(m, path) for m in _whole(code, name, value)]
+            return [name, *whole, *self._attributes(value, _words(code), path)]
+        package = type(value).__module__
+        if not _is_own(package) and getattr(sys.modules.get(package), name, None) is value:
+            return [name, _version(package)]  # an object that a package made, such as scipy.stats.norm
         return [name, self.of(value, path)]
 
     # Modules and classes ---------------------------------------------------------------------
@@ -237,6 +257,8 @@ class _Walk:
             )
         names = names | {"__getattr__"}
         parts = [module.__name__, "" if own else _version(module.__name__)]
+        if type(module) is not types.ModuleType:  # it may have properties
+            parts.append(self.of(type(module), path))
         for name in sorted(names & vars(module).keys()):
             value = vars(module)[name]
             if isinstance(value, types.ModuleType):
@@ -255,7 +277,7 @@ class _Walk:
     def _module(self, module: types.ModuleType, path: str) -> list[str]:
         if not _is_own(module.__name__):
             return [module.__name__, _version(module.__name__)]
-        if (file := getattr(module, "__file__", None)) and not file.endswith(".py"):  # a compiled extension
+        if file := _extension(module.__name__):
             return [hashlib.sha256(Path(file).read_bytes()).hexdigest()]
         return self._items({n: v for n, v in sorted(vars(module).items()) if not (n.startswith("__") and n.endswith("__"))}, path)
 
@@ -264,6 +286,8 @@ class _Walk:
             return [_name(kind)]
         skipped = NOT_RUN | {"source"} if issubclass(kind, Block) else NOT_RUN  # the text of its whole file
         held = {n: v for n, v in sorted(vars(kind).items()) if n not in skipped}
+        if _extension(kind.__module__):
+            return [kind.__qualname__, *self._module(sys.modules[kind.__module__], path)]
         return [kind.__qualname__, *self._all([type(kind), *kind.__bases__], path), *self._items(held, path)]
 
     def _compiled(self, f: Any, path: str) -> list[str]:
@@ -286,8 +310,12 @@ class _Walk:
     def _instance(self, what: Any, path: str) -> list[str]:
         """Return the parts of an object: class and content; of what wraps a function, that too."""
         kind = type(what)
-        if isinstance(getattr(what, "__qualname__", None), str) and _is_named(what):  # compiled by Cython, say
-            return [_name(what)]
+        name, holder = getattr(what, "__qualname__", None), getattr(what, "__module__", None)
+        if isinstance(name, str) and isinstance(holder, str):  # compiled by Cython, say
+            if _is_named(what):
+                return [_name(what)]
+            if _extension(holder):
+                return [name, *self._module(sys.modules[holder], path)]
         parts = [self.of(kind, path)]
         if isinstance(what, set | frozenset):
             parts += sorted(self._all(list(what), path))
@@ -296,8 +324,15 @@ class _Walk:
             base = next(k for k in kind.__mro__ if not _is_own(k.__module__))
             if base in (object, set, frozenset):
                 return parts
-        elif hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] in ("functools", "numba"):  # cached, compiled
-            return [*parts, repr(getattr(what, "targetoptions", "")), self.of(what.__wrapped__, path)]
+        elif isinstance(what, functools._lru_cache_wrapper):
+            if not any(f is what.__wrapped__ for f in gc.get_referents(what)):  # it has the attributes of another function
+                raise _hidden(path, what)
+            return [*parts, self.of(vars(what), path)]
+        elif hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] == "numba":
+            stated = not getattr(what, "_can_compile", True)  # else the signatures are those of the calls so far
+            signatures = [c.signature for c in what.overloads.values()] if stated else getattr(what, "_sig", "")
+            options = getattr(what, "targetoptions", ""), getattr(what, "locals", ""), signatures
+            return [*parts, repr(options), self.of(what.__wrapped__, path)]
         else:
             base = kind
         try:
@@ -306,10 +341,10 @@ class _Walk:
         except Exception:
             raise _hidden(path, what) from None
         if isinstance(state, str):
-            holder: Any = sys.modules.get(getattr(what, "__module__", ""))
-            if getattr(holder, state, None) is not what:
+            found: Any = sys.modules.get(getattr(what, "__module__", ""))
+            if getattr(found, state, None) is not what:
                 raise _hidden(path, what)
-            return [*parts, state, *(self._module(holder, path) if _is_own(holder.__name__) else ())]
+            return [*parts, state, *(self._module(found, path) if _is_own(found.__name__) else ())]
         return parts + self._all([list(v) if isinstance(v, Iterator) else v for v in state], path)
 
 
@@ -352,16 +387,22 @@ def _words(code: types.CodeType) -> set[str]:
     return {w for c in _codes(code) for w in (*c.co_names, *c.co_consts) if isinstance(w, str)}
 
 
-def _bare(code: types.CodeType) -> set[str]:
-    """Return the names whose value is used otherwise than by one of its attributes."""
-    found = set()
+def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator[types.ModuleType]:
+    """Yield the own modules that code uses otherwise than by one of their attributes; value is what it calls name."""
     for c in _codes(code):
-        steps = list(dis.get_instructions(c))
-        for i, after in zip(steps, steps[1:], strict=False):
-            if i.opname in ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLOSURE", "LOAD_CLASSDEREF"):
-                if after.opname not in ("LOAD_ATTR", "LOAD_METHOD"):
-                    found.add(i.argval)
-    return found
+        steps = [i for i in dis.get_instructions(c) if i.opname != "EXTENDED_ARG"]
+        for at, i in enumerate(steps):
+            if i.opname not in ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLOSURE", "LOAD_CLASSDEREF") or i.argval != name:
+                continue
+            found: Any = value
+            for after in steps[at + 1 :]:
+                if after.opname not in ("LOAD_ATTR", "LOAD_METHOD") or after.argval == "__dict__":
+                    if _is_own(found.__name__):
+                        yield found
+                    break
+                found = vars(found).get(after.argval)
+                if not isinstance(found, types.ModuleType):
+                    break
 
 
 def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set[str]]]:
@@ -410,9 +451,15 @@ def _is_own(name: str) -> bool:
     return not any(_installed(file) for file in files if file)
 
 
+def _extension(name: str) -> str:
+    """Return the file of the user's module with this name, if it is a compiled extension, or an empty text."""
+    file = getattr(sys.modules.get(name), "__file__", None) or ""
+    return "" if file.endswith(".py") or not _is_own(name) else file
+
+
 def _is_named(what: Any) -> bool:
     """Whether an installed package has exactly this function or class under its name."""
-    if _is_own(what.__module__ or ""):
+    if _is_own(getattr(what, "__module__", None) or ""):
         return False
     found: Any = sys.modules.get(what.__module__)
     for part in what.__qualname__.split("."):
@@ -424,5 +471,14 @@ def _name(what: Any) -> str:
     return f"{what.__module__}.{what.__qualname__} {_version(what.__module__)}"
 
 
+@functools.cache
+def _distributions() -> Mapping[str, list[str]]:
+    return importlib.metadata.packages_distributions()
+
+
 def _version(name: str) -> str:
-    return str(getattr(sys.modules.get(name.partition(".")[0]), "__version__", ""))
+    top = name.partition(".")[0]
+    stated = getattr(sys.modules.get(top), "__version__", None)
+    if stated is None and top not in sys.stdlib_module_names:
+        stated = [importlib.metadata.version(d) for d in sorted({*_distributions().get(top, ())})]
+    return str(stated)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -66,6 +67,8 @@ class Plan:
     """What each measure counts as; none where nothing is kept."""
     limits: dict[str, float]
     """Those in force where the sweep began."""
+    code_keys: dict[str, str]
+    """What the code counts as that makes scenes and motions, as a new process imports it."""
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
         """The scene of a row."""
@@ -162,6 +165,19 @@ def shared_key(make: Any, measures: list[str], fs: float, roles: Roles) -> tuple
 def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
     """Return what each measure counts as: its name, or the hash of its content."""
     return [identity(m, f"measure {m.name}") if isinstance(m, Measure) else m for m in measures]
+
+
+def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
+    """Return what a factory and functions of motion count as: the hash of their content, or nothing where that cannot be seen."""
+    parts = {"scene": make}
+    for name, motion in motions.items():
+        parts |= {f"motion {name} {key}": m for key, m in (motion if isinstance(motion, Mapping) else {"": motion}).items()}
+    keys = {}
+    for name, what in parts.items():
+        if isinstance(what, Scene) or (callable(what) and not isinstance(what, Generated | Recording)):
+            with suppress(Exception):  # of objects of the user's, which need no identity where nothing is kept
+                keys[" ".join(name.split())] = identity(what, name)
+    return keys
 
 
 # Rows ----------------------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from ..run.rendering import Rendering
 from .drive import drive, joined
 from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of
-from .plan import Plan, frames, in_order, measure_keys, motion_digest, motion_of, row_keys, shared_key, versions
+from .plan import Plan, code_keys, frames, in_order, measure_keys, motion_digest, motion_of, row_keys, shared_key, versions
 from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .store import Store
 from .work import Motions, Runner, as_bytes, error_text, from_bytes
@@ -266,6 +266,7 @@ class Seen(NamedTuple):
     about: dict[str, Any]
     samples: int
     warned: list[str]
+    code_keys: dict[str, str]
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
@@ -287,6 +288,13 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
         first = error.at + 1
     if error is not None:
         raise error
+    here = code_keys(make, words["motion"] if "motion" in table.column_names else {"": words["motion"]})
+    if other := [name for name, key in found.code_keys.items() if key != here.get(name, key)]:
+        found.warned.append(
+            f"sweep: {other[0]} is not the same in the processes that run the rows: they import your modules anew, so an "
+            "attribute that was set later, or a file that has changed, counts as it is in the file; give such values as "
+            "arguments or columns, or use workers=0"
+        )
     return _complete(make, words, found)
 
 
@@ -296,7 +304,7 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
         make, _asked(words), found.units, words["fs"], words["seconds"], found.roles, versions(), found.key,
-        found.measure_keys, dc.asdict(limits),
+        found.measure_keys, dc.asdict(limits), found.code_keys,
     )  # fmt: skip
     motions = {name: (digest, given[name]) for name, digest in found.digests.items()}
     return Planned(from_bytes(found.table), plan, motions, found.facts, found.about, found.samples)
@@ -326,12 +334,14 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}")
     fs, seconds, motion = words["fs"], words["seconds"], words["motion"]
-    scene = some_scene(make, table, first)
-    roles = roles_of(make, scene, table.column_names, words["live"])
     named = "motion" in table.column_names
     if named and not isinstance(motion, Mapping):
         raise BadValue(f"the rows have a column motion, so motion must be a dict of motions by name, got {type(motion).__name__}")
     given = dict(motion) if named else {"": motion}
+    asked, code = _asked(words), code_keys(make, given)
+    keys = measure_keys(asked) if words["kept"] else []  # before anything runs that may keep something
+    scene = some_scene(make, table, first)
+    roles = roles_of(make, scene, table.column_names, words["live"])
     table = checked(table, scene, roles, given)
     used = table["motion"].unique().to_pylist() if named else [""]
     for name in used:
@@ -341,20 +351,18 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
         warn_fast(sources, scene, n / fs, fs)
         warn_beyond(scene.program, fs, n)
     digests = {name: motion_digest(given[name], name, fs, seconds) for name in used}
-    asked = _asked(words)
     units = {name: u for m in measures_of(asked, scene) for name, u in m.units.items()}
     if own := [name for name in units if name in MADE]:
         raise BadValue(f"measures: a sweep adds a column {own[0]} of its own: give your figure another name")
     if clash := [name for name in units if name in table.column_names]:
         raise BadValue(f"rows have a column {clash[0]}, and so do the measures: give yours another name")
-    keys = measure_keys(asked) if words["kept"] else []
     key, facts = shared_key(make, keys, fs, roles)
     about = {
         "units": units,
         "motion": {name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()},
         "scene_json": scene.to_dict() if isinstance(make, Scene) else None,
     }
-    return Seen(as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [])
+    return Seen(as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code)
 
 
 def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:

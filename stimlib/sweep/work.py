@@ -21,7 +21,7 @@ from ..motion.source import positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
 from .measures import Measure, figures_of, measures_of, prepared
-from .plan import KEY, Plan, frames, measure_keys, motion_of, scene_digest
+from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest
 from .rows import arrow
 
 T = TypeVar("T")
@@ -217,7 +217,13 @@ def begin(data: bytes) -> None:
     for name, value in plan.limits.items():
         setattr(limits, name, value)
     if plan.measure_keys and plan.measure_keys != measure_keys(plan.measures):
-        raise BadValue("measures: a file of yours has changed since the sweep began; start it again")
+        raise BadValue(
+            "measures: a file of yours has changed since the sweep began, or a module that they use has another state here "
+            '(a cache, an attribute that was set); start it again, or state @measure(.., version="1")'
+        )
+    given = {name: motion for name, (_, motion) in motions.items()}
+    if changed := [n for n, key in code_keys(plan.make, given).items() if key != plan.code_keys.get(n, key)]:
+        raise BadValue(f"{changed[0]}: a file of yours has changed since the sweep began; start it again")
     _runner = Runner(plan, motions)
 
 

@@ -4,16 +4,30 @@ import dataclasses as dc
 
 import numpy as np
 import pytest
+from contract import TABLE
 from laws import STRESS, mostly
 from scipy import stats
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import Input, Param, Scene, constant
 from stimlib.analysis import spectra
-from stimlib.blocks import delay, enabled, loop, pinking, springpot, white_noise
+from stimlib.blocks import (
+    delay,
+    enabled,
+    every,
+    loop,
+    lowpass,
+    nonzero,
+    oscillator,
+    pinking,
+    springpot,
+    springpot_series,
+    white_noise,
+)
 from stimlib.blocks.fractional import Springpot
+from stimlib.checks.local import held
 from stimlib.core.graph import reach
-from stimlib.errors import BadValue
+from stimlib.errors import BadValue, StimlibError
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.scenes import bumps, squeeze
@@ -69,6 +83,64 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
                             law.error(lambda f, p=p, fs=fs: Springpot.transfer(p, np.exp(2j * np.pi * f / fs)), fs) / law.tol,
                         )
     assert worst < 0.1
+
+
+@pytest.mark.parametrize("scheme", ["gl", "l1"])
+@pytest.mark.parametrize("seconds", [0.008, 0.1, 3.0])
+def test_springpots_of_a_short_horizon_pass(scheme, seconds):
+    scene = Scene({"f": springpot(Input("y", "m"), 3.0, 0.4, scheme, 1e-10, seconds)})
+    r = report(scene, {"y": minimum_jerk()}, 1000, min(seconds, 0.5))
+    assert r.passed, str(r)
+    assert any(c.group == "a2" for c in r.checks) == (seconds == 3.0)
+
+
+@pytest.mark.parametrize("alpha", [0.6, 0.9])
+def test_a_springpot_and_a_dashpot_whose_tail_is_cut_off_pass(alpha):
+    scene = Scene({"f": springpot_series(Input("y", "m"), 25.0, alpha, b=2.0)})
+    r = report(scene, {"y": minimum_jerk()}, 1000, 0.1)
+    assert r.passed, str(r)
+
+
+@pytest.mark.parametrize("gate", [Param("g", 1.0), nonzero(Param("g", 1.0)), white_noise(seed=2) > 0.0, constant(2.0)])
+def test_noise_behind_a_gate_that_ran_before_sample_0_passes(gate):
+    r = report(Scene({"y": enabled(white_noise(seed=1), by=gate)}), {}, seconds=0.3)
+    assert r.passed, str(r)
+
+
+WAYS = [entry for entry in TABLE if entry.inputs]
+SOME = {"velocity", "springpot", "count", "friction_coulomb", "wall", "cursor", "bump_square", "midpoint"}
+
+
+@pytest.mark.parametrize("name", mostly(SOME, [entry.name for entry in WAYS]))
+def test_what_is_moved_by_a_source_of_the_scene_passes(name):
+    """It runs before sample 0, with the source at rest, or not."""
+    (entry,) = (e for e in WAYS if e.name == name)
+    sources = every(0.01), oscillator(37.0, phase=0.3), oscillator(21.0, "square") + 0.25, constant(0.7)
+    for k in range(4):
+        moved = [sources[(k + i) % 4] * constant(1.0, entry.unit or "1") for i in range(len(entry.inputs))]
+        try:
+            scene = Scene({"y": entry.make(*moved)})
+        except StimlibError:  # of units, or of a number that has to be constant
+            continue
+        if not scene.inputs:
+            found = held(scene, entry.rates[0], 3, {}, 400, {n: p.value for n, p in scene.params.items()}, [])
+            assert not [h for h in found if h.error > 1], k
+
+
+@pytest.mark.parametrize("seconds", [0.002, 0.3])
+def test_an_oscillator_that_noise_moves_behind_a_gate_passes(seconds):
+    moved = oscillator(constant(300.0, "Hz") * abs(white_noise(seed=1)), "sawtooth")
+    x = np.where(np.arange(round(8000 * seconds)) % 7 > 0, 1.0, 0.0)
+    r = report(Scene({"y": enabled(moved, by=Input("x"))}), {"x": x})
+    assert r.passed and any(c.name == "y: noise as displayed" for c in r.checks), str(r)
+
+
+@pytest.mark.filterwarnings("ignore:.*sample 0:RuntimeWarning")
+def test_a_scene_that_is_not_finite_from_the_first_sample_on_is_told():
+    x = Input("x")
+    r = report(Scene({"y": lowpass(x, 50.0, onset="steady") / (x - x)}), {"x": np.ones(5)})
+    assert [c.name for c in r.checks if not c.passed] == ["no fault"], str(r)
+    assert any("is not finite at sample 0" in text for text in r.evidence.skipped)
 
 
 @pytest.mark.parametrize(("alpha", "fs", "tol"), [(0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13)])

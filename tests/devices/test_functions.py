@@ -189,6 +189,18 @@ def test_whatever_a_function_does_the_session_ends_and_says_why(case, tmp_path):
     check(*case, tmp_path / "log")
 
 
+@pytest.mark.parametrize("where", ["feed", "motion"])
+def test_an_error_that_cannot_be_asked_for_its_place_ends_a_session_too(where, tmp_path, monkeypatch):
+    class Hidden(Exception):
+        @property
+        def __traceback__(self):
+            raise RuntimeError("no place")
+
+    for table in (RAISES, WAYS):
+        monkeypatch.setitem(table, "Hidden", throw(Hidden("mine")))
+    assert "failed: Hidden: mine (its place cannot be found); correct it" in str(played(where, "Hidden", tmp_path / "log"))
+
+
 @pytest.mark.parametrize("where", ["feed", "take", "motion", "log"])
 def test_a_function_that_does_not_return_is_told_where_it_can_be(where, tmp_path, monkeypatch):
     """Nobody can interrupt it: a page is left behind without a fade, a motion stands still, a log lacks what came after 4 s."""
