@@ -274,6 +274,8 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
         samples += part.n - since
         cut = [np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol)]
         error, least = max(error, _error(*cut)), min(least, _least(*cut[1:]))
+    if not samples and not seen[0].n and run.n:
+        return Held(b, run.where, 0, 0.0, "something in the scene is not finite at sample 0")
     return Held(b, run.where, samples, error, least=least)
 
 

@@ -25,7 +25,7 @@ from stimlib.blocks import (
     white_noise,
 )
 from stimlib.blocks.fractional import Springpot
-from stimlib.checks.local import held
+from stimlib.checks.local import Run, held
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue, StimlibError
 from stimlib.files import audio as file
@@ -123,7 +123,8 @@ def test_what_is_moved_by_a_source_of_the_scene_passes(name):
         except StimlibError:  # of units, or of a number that has to be constant
             continue
         if not scene.inputs:
-            found = held(scene, entry.rates[0], 3, {}, 400, {n: p.value for n, p in scene.params.items()}, [])
+            params = {n: p.value for n, p in scene.params.items()}
+            found = held(Run(scene, entry.rates[0], 3, {}, 400, params, [], [(0, 400)]))
             assert not [h for h in found if h.error > 1], k
 
 
