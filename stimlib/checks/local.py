@@ -177,22 +177,39 @@ def _one(b: Block, seen: Any, fs: float, seed: int, x: Any, params: Any, changes
         and signals(type(b))
     ):
         return Held(b, where, 0, 0.0, "it begins before sample 0, where its inputs are not seen")
-    got = [seen[id(getattr(b, s))] for s in signals(type(b))]
+    got = [_read_only(seen[id(getattr(b, s))]) for s in signals(type(b))]
     try:
         with np.errstate(all="ignore"):
-            made = law(b, fs, got, y)
+            made = law(b, fs, got, _read_only(y))
     except Exception as error:
         if type(b).law is None:
             raise
-        return Held(b, where, n, np.inf, f"its law raises {type(error).__name__}: {error}")
+        raise BadValue(f"{kind}.law raises {type(error).__name__}: {error}; mend it, or state no law") from error
     if made is None:
         return Held(b, where, 0, 0.0, none)
-    want, tol = made if isinstance(made, tuple) else (made, 0.0)
+    parts = made if isinstance(made, tuple) else (made, 0.0)
+    if len(parts) != 2:
+        raise BadValue(f"{kind}.law returned {len(parts)} things; return a row, or a row and a tolerance")
+    want, tol = parts
     if np.shape(want) != y.shape:
         raise BadValue(
             f"{kind}.law returned the shape {np.shape(want)}, where the block has {y.shape}; return a row for each output"
         )
+    if type(b).law is not None:
+        if np.shape(tol) not in ((), y.shape):
+            raise BadValue(
+                f"{kind}.law returned a tolerance of the shape {np.shape(tol)}; return a number, or a row as its output"
+            )
+        if not np.all(np.asarray(tol) >= 0):
+            raise BadValue(f"{kind}.law returned a tolerance that is not 0 or above; return such, or the row alone")
     return Held(b, where, n, _error(y, want, tol))
+
+
+def _read_only(row: np.ndarray) -> np.ndarray:
+    """Return a row that a law cannot change, which other laws read too."""
+    view = row.view()
+    view.flags.writeable = False
+    return view
 
 
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:
