@@ -268,8 +268,6 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             made = _stated(law, b, run.fs, got, y)
             if made is None:
                 return none
-            if isinstance(made, str):
-                return Held(b, run.where, n, np.inf, made)
             want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
         samples += part.n - since
         cut = [np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol)]
@@ -279,22 +277,39 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
     return Held(b, run.where, samples, error, least=least)
 
 
-def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | str | None:
-    """What a law gives, and its tolerance; or what is wrong with it; or None, where it covers no such numbers."""
+def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | None:
+    """What a law gives, and its tolerance; or None, where it covers no such numbers."""
+    name = f"{type_name(type(b))}.law"
+    got[:] = map(_read_only, got)
     try:
         with np.errstate(all="ignore"):
-            made = law(b, fs, got, y)
+            made = law(b, fs, got, _read_only(y))
     except Exception as error:
         if type(b).law is None:
             raise
-        return f"its law raises {type(error).__name__}: {error}"
+        raise BadValue(f"{name} raises {type(error).__name__}: {error}; mend it, or state no law") from error
     if made is None:
         return None
-    want, tol = made if isinstance(made, tuple) else (made, 0.0)
+    parts = made if isinstance(made, tuple) else (made, 0.0)
+    if len(parts) != 2:
+        raise BadValue(f"{name} returned {len(parts)} things; return a row, or a row and a tolerance")
+    want, tol = parts
     if np.shape(want) != y.shape:
         shape = f"returned the shape {np.shape(want)}, where the block has {y.shape}"
-        raise BadValue(f"{type_name(type(b))}.law {shape}; return a row for each output")
+        raise BadValue(f"{name} {shape}; return a row for each output")
+    if type(b).law is not None:
+        if np.shape(tol) not in ((), y.shape):
+            raise BadValue(f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a row as its output")
+        if not np.all(np.asarray(tol) >= 0):
+            raise BadValue(f"{name} returned a tolerance that is not 0 or above; return such, or the row alone")
     return want, tol
+
+
+def _read_only(row: np.ndarray) -> np.ndarray:
+    """Return a row that a law cannot change, which other laws read too."""
+    view = row.view()
+    view.flags.writeable = False
+    return view
 
 
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:

@@ -1,12 +1,14 @@
 """Laws of single blocks: right in every composition, and blind to no change."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from contract import TABLE, Lagging, ours
 from stress import compositions, mutants
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
+from stimlib import BadValue, Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.checks import local, rows
 from stimlib.motion.generators import sinusoid
@@ -143,6 +145,39 @@ def test_a_block_of_ones_own_states_its_law(tmp_path, monkeypatch, factor, passe
     assert report.passed == passes
     assert [c.name for c in report.checks if not c.passed] == ([] if passes else [f"{name}.Doubled"])
     assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
+
+
+class Twice(Block, abstract=True):
+    @staticmethod
+    def step(p, s, x):
+        return 2.0 * x, s
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (lambda self, rows: 2 * rows[0], "Own.law raises TypeError: .* takes 2 positional arguments but 4 were given"),
+        (lambda self, fs, rows, y: 1 / 0, "Own.law raises ZeroDivisionError"),
+        (lambda self, fs, rows, y: np.multiply(y, 0, out=y), "Own.law raises ValueError: .*read-only"),
+        (lambda self, fs, rows, y: np.multiply(rows[0], 0, out=rows[0]), "Own.law raises ValueError: .*read-only"),
+        (lambda self, fs, rows, y: (3 * rows[0], -1.0), "Own.law returned a tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (3 * rows[0], np.nan), "Own.law returned a tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (2 * rows[0], np.ones(3)), r"Own.law returned a tolerance of the shape \(3,\)"),
+        (lambda self, fs, rows, y: (2 * rows[0], 0.1, 3), "Own.law returned 3 things; return a row, or a row and a tolerance"),
+    ],
+)
+def test_a_law_that_proves_nothing_is_refused(law, says):
+    """An exception was "not checked"; the output set to 0 by its law, and a tolerance below 0, passed."""
+
+    @dataclass(frozen=True, eq=False)
+    class Own(Twice):
+        x: Block
+
+    Own.law = law
+    scene, x = Scene({"y": Own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
+    rendering = stimlib.render(scene, x, fs=1000)
+    with pytest.raises(BadValue, match=says):
+        stimlib.verify(scene, x, rendering)
 
 
 def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
