@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import stimlib
+from stimlib import Scene
+from stimlib.checks import local
 from stimlib.core.graph import kind
 
 STRESS = "STIMLIB_STRESS" in os.environ
@@ -144,6 +146,15 @@ def garbage(proc, rng, singles=12):
         bodies.append(good[2:].copy())
         bodies[-1][rng.choice([rng.integers(n), n - 1 - rng.integers(min(n, 4))])] = rng.choice(wrong)  # numbers follow arrays
     return [np.concatenate([good[:2], body]) for body in bodies]
+
+
+def lawful(block, fs, **x):
+    """Hold a block, and what is below it, against their laws in ``checks.rows`` and ``checks.linear``, on these inputs."""
+    n, scene = len(next(iter(x.values()))), Scene({"y": block})
+    params = {name: p.value for name, p in scene.params.items()}
+    rows_of = {name: np.asarray(row, float) for name, row in x.items()}
+    found = local.held(local.Run(scene, fs, 0, rows_of, n, params, [], [(0, n)]))
+    assert not [h for h in found if h.why or not h.error <= 1]
 
 
 def impulse_response(proc, output, input, n, at=8):

@@ -189,20 +189,28 @@ def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float,
     return 2 * off, off
 
 
+FEW = 4096  # weights that are a product of as many factors
+
+
 # Springpot ---------------------------------------------------------------------------------------------------------------
 def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
-    """v_0 .. v_{n-1} of the sum over first differences, in extended precision: Gruenwald-Letnikov or L1."""
-    j = np.arange(n, dtype=np.longdouble)
-    a = np.longdouble(alpha)
-    if scheme == "gl":
-        return np.cumprod(np.r_[np.longdouble(1), (j[1:] - a) / j[1:]])
-    if scheme == "straight":  # of the sum of a force that is straight between samples: second differences of j^(2 - alpha)
-        v = j ** (2 - a) * (np.expm1((2 - a) * np.log1p(1 / j)) + np.expm1((2 - a) * np.log1p(-1 / j)))
-        return np.r_[np.longdouble(1), v[1:]] / np.longdouble(math.gamma(3 - alpha))
-    v = (j + 1) ** (1 - a) - j ** (1 - a) if alpha < 1 else np.r_[np.longdouble(1), np.zeros(n - 1, np.longdouble)]
-    far = j > 100  # the difference of two large powers, without losing digits
-    v[far] = j[far] ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j[far]))
-    return v / np.longdouble(math.gamma(2 - alpha))
+    """v_0 .. v_{n-1} of the sum over first differences, in extended precision: Gruenwald-Letnikov or L1.
+
+    "straight" takes differences of the sum of a force that is straight between samples: second differences of j^(2 - alpha).
+    """
+    j, a = np.arange(1, max(n, FEW), dtype=np.longdouble), np.longdouble(alpha)
+    v = np.cumprod(np.r_[np.longdouble(1), (j[: FEW - 1] - a) / j[: FEW - 1]])
+    rho = (1 - a) / 2  # Gamma(j + 1 - alpha)/Gamma(j + 1) by its series
+    w = j[FEW - 2 :] + rho
+    far = w**-a * (1 - a * (a + 1) * rho / 12 * (1 - (a + 2) * (a + 3) * (5 * rho + 1) / 120 / w**2) / w**2)
+    g = v[-1] / far[0]  # 1/Gamma(1 - alpha)
+    if scheme == "gl" or alpha == 1:
+        return np.r_[v, g * far[1:]][:n]
+    if scheme == "l1":
+        return g / (1 - a) * np.r_[np.longdouble(1), j ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j))][:n]
+    with np.errstate(divide="ignore"):
+        second = np.expm1((2 - a) * np.log1p(1 / j)) + np.expm1((2 - a) * np.log1p(-1 / j))
+    return g / (1 - a) / (2 - a) * np.r_[np.longdouble(1), j ** (2 - a) * second][:n]
 
 
 def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

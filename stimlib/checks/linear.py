@@ -36,7 +36,7 @@ class Modes(NamedTuple):
         """h[0] .. h[n - 1]; powers as products of those of 64 samples and of one."""
         n = min(n, int(min(n, GONE / max(-float(self.L.real.max(initial=-LONG(1e9))), 1e-9))) + 2)
         far, near = (np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64)))
-        return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n].astype(float)
+        return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n]
 
 
 # Poles and zeros of the four families ----------------------------------------------------------------------------------
@@ -136,11 +136,6 @@ def straight(L: Any, size: Any) -> tuple[Any, Row, Row]:
     first = np.where(np.abs(L) < 1e-4, 0.5 + L / 6 + L**2 / 24 + L**3 / 120, (np.expm1(L) - L) / np.where(L == 0, 1, L) ** 2)
     kernel = np.where(L == 0, 1, (np.expm1(L) / np.where(L == 0, 1, L)) ** 2)
     return np.sum(size * first).real, size * kernel, L
-
-
-@response("Delay")
-def _delay(b, fs):
-    return taps(np.r_[np.zeros(round(b.seconds * fs) if b.samples is None else b.samples), 1.0])
 
 
 @response("Taps")
@@ -273,6 +268,7 @@ def _series(b, fs):
 
 # The laws ----------------------------------------------------------------------------------------------------------------
 FREE = 1e-10  # of the largest row: what is left beside a state that is not known
+SHORT = 512  # samples of a response that are summed one by one
 START = 1e-5  # of a state that is drawn: what its factor may lose
 
 
@@ -283,8 +279,8 @@ def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
 
 def summed(h: Row, x: Row) -> Row:
     """h * x, so long as x."""
-    h = h[: x.size]
-    return (np.convolve(x, h) if min(h.size, x.size) < 64 else fftconvolve(x, h))[: x.size]
+    h = h[: x.size].astype(float)
+    return (np.convolve(x, h) if min(h.size, x.size) <= SHORT else fftconvolve(x, h))[: x.size]
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
@@ -304,7 +300,8 @@ def _linear(b, fs, x, y):
         way = x[0][s] - (x[0][s.start] if type(b).resettable and not (step and k == 0) else 0.0)
         h = made.response(way.size) if isinstance(made, Modes) else made(way.size)
         want[s] = summed(h, way)
-        tol[s] = np.abs(h).sum() * (rounding(b) * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max()) + 1e-300
+        loss = 3e-15 if callable(made) and h.size <= SHORT else rounding(b)
+        tol[s] = float(np.abs(h).sum()) * (loss * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max()) + 1e-300
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
         elif s.start == 0 and (not x.rest or type(b).__name__ == "PinkNoise"):
@@ -351,6 +348,16 @@ def rounding(b: Any) -> float:
     wide = b.high / b.low if getattr(b, "band", "") == "bandstop" else 0.0
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
     return 1e-13 * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (type(b).__name__ == "Series")
+
+
+def late(b: Any, fs: float) -> int:
+    """Samples of a delay."""
+    return round(b.seconds * fs) if b.samples is None else b.samples
+
+
+@law("Delay", since=lambda b, fs, x: late(b, fs))
+def _delay(b, fs, x, y):
+    return np.r_[np.zeros(late(b, fs)), x[0]][: y.size], 0.0
 
 
 @law("Track", "TrackVelocity", since=lambda b, fs, x: 65 * fs / (2 * math.pi * b.bandwidth))

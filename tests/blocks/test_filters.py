@@ -29,7 +29,7 @@ def error(band, edges, kind, order):
     n = 20_000 if edges[0] > 1e-4 else 1_000_000
     h = exact(band, edges, kind, order, n)
     proc, worst = filtered(band, edges, kind, order), 0.0
-    for x, wanted in ((np.eye(1, n), h), (np.ones((1, n)), np.cumsum(h.astype(np.longdouble)))):
+    for x, wanted in ((np.eye(1, n), h), (np.ones((1, n)), np.cumsum(h))):
         proc.reset()
         y = proc.process(x)[0]
         worst = max(worst, float(np.abs(y - wanted).max() / np.abs(y).max()))

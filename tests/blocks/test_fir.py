@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from laws import assert_same
+from laws import assert_same, lawful
 
 import stimlib
 from stimlib import BadValue, Input, Scene, blocks
@@ -17,8 +17,7 @@ x = Input("x")
 def test_it_is_a_convolution(size):
     rng = np.random.default_rng(size)
     taps, u = rng.standard_normal(size), rng.standard_normal(1000)
-    y = stimlib.compile(Scene({"y": fir(x, taps)}), 1000).process(u[None])[0]
-    np.testing.assert_allclose(y, np.convolve(u, taps)[:1000], rtol=0, atol=1e-14 * np.abs(taps).sum())
+    lawful(fir(x, taps), 1000, x=u)
 
 
 @pytest.mark.parametrize(

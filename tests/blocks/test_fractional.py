@@ -21,6 +21,7 @@ from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks import equal_force, springpot, springpot_stiffness
 from stimlib.blocks.fractional import Springpot
+from stimlib.checks.laws import springpot_sum
 from stimlib.errors import BadValue, SceneError, UnitError
 
 LONG = bool(os.environ.get("STIMLIB_LONG"))
@@ -32,40 +33,16 @@ ALPHAS = [0.0, 1e-6, 0.05, 0.25, 0.5, 0.75, 0.95, 1 - 1e-6, 1.0]
 
 
 # References ----------------------------------------------------------------------------------------------------------
-@cache
-def weights(scheme, alpha, n):
-    """v_0 .. v_(n-1) in long double."""
-    a, few = LD(alpha), min(n, 4096)
-    j = np.arange(1, n, dtype=LD)
-    if scheme == "l1":
-        with mpmath.workdps(30):
-            first = LD(mpmath.nstr(1 / mpmath.gamma(2 - mpmath.mpf(alpha)), 25))
-        return first * np.r_[LD(1), j ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j))] if alpha < 1 else np.r_[LD(1), 0 * j]
-    v = np.zeros(n, LD)
-    v[:few] = np.cumprod(np.r_[LD(1), (j[: few - 1] - a) / j[: few - 1]])
-    if n > few and alpha < 1:  # Gamma(j + 1 - alpha)/Gamma(j + 1) by its series
-        with mpmath.workdps(30):
-            g = LD(mpmath.nstr(1 / mpmath.gamma(1 - mpmath.mpf(alpha)), 25))
-        rho = (1 - a) / 2
-        w = np.arange(few, n, dtype=LD) + rho
-        u = 1 / w**2
-        second = a * (a + 1) / 24 * (a + 2) * (a + 3) * rho * (5 * rho + 1) / 60
-        v[few:] = g * w**-a * (1 + u * (-a * (a + 1) / 12 * rho + u * second))
-    return v
-
-
 def full(x, alpha, fs, at=None, scheme="gl", onset="steady", path=False):
-    """h^-alpha sum_j v_j d[n-j] at these samples, the whole history in long double; with |d| where ``path``."""
-    return _full(np.asarray(x, float).tobytes(), alpha, fs, tuple(range(len(x)) if at is None else at), scheme, onset, path)
+    """h^-alpha sum_j v_j d[n-j] at these samples, the whole history, by the law of ``checks``; with |d| where ``path``."""
+    return _full(np.asarray(x, float).tobytes(), alpha, fs, tuple(range(len(x)) if at is None else at), scheme, onset)[path]
 
 
 @cache  # the same for every tolerance
-def _full(x, alpha, fs, at, scheme, onset, path):
-    x = np.frombuffer(x).astype(LD)
-    d = np.diff(x, prepend=x[0] if onset == "steady" else LD(0))
-    d = np.abs(d) if path else d
-    v = weights(scheme, alpha, x.size)
-    return LD(fs) ** LD(alpha) * np.array([np.dot(v[: n + 1], d[n::-1]) for n in at])
+def _full(x, alpha, fs, at, scheme, onset):
+    before = int(onset == "step")
+    x = np.r_[np.zeros(before), np.frombuffer(x)]
+    return springpot_sum(x, fs, scheme, np.full(x.size, float(alpha)), np.array(at) + before)
 
 
 def moved(kind, n, fs, seed=7):
@@ -167,7 +144,7 @@ HOURS = (
 def test_an_hour_to_the_last_digits(fs, alpha, kind):
     n = int(3600 * fs)
     check_full(proc_of(alpha, fs, tol=1e-14), moved(kind, n, fs), alpha, fs, 1e-14, spots(n, 12), largest=1e-12)
-    weights.cache_clear()
+    _full.cache_clear()
 
 
 @extended
@@ -190,7 +167,7 @@ def test_any_movement_is_within_the_certificate(alpha, tol, scheme, onset, seed,
     rng = np.random.default_rng(seed)
     x = size * np.cumsum(rng.standard_normal(150) * (rng.random(150) < rng.choice([0.05, 0.5, 1.0]))) + rng.choice([0.0, size])
     check_full(proc_of(None, 500.0, tol=tol, scheme=scheme, onset=onset), x, alpha, 500.0, tol, scheme=scheme, onset=onset)
-    weights.cache_clear()
+    _full.cache_clear()
 
 
 @extended
@@ -388,7 +365,7 @@ def test_a_live_order_is_the_full_sum_with_the_new_order(scheme, tol):
     most = np.array([full(x, alpha[k], fs, [k], scheme, path=True)[0] for k in at]).astype(float)
     error = np.abs(f[at] - wanted).astype(float)
     assert np.all(error <= bound[at]) and np.all(bound[at] <= tol * most)
-    weights.cache_clear()
+    _full.cache_clear()
 
 
 def test_a_live_order_that_stands_is_the_fixed_order():
@@ -713,7 +690,7 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
         proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, tol=1e-14)}), fs)
         errors.append(np.max(np.abs(forces(proc, x)[0][at] / wanted - 1)))
     assert errors[0] < 1e-15 and errors[1] > 2e-14
-    weights.cache_clear()
+    _full.cache_clear()
 
 
 def test_response_with_a_live_order_is_that_of_the_order_it_has():

@@ -105,18 +105,6 @@ def test_a_law_is_its_differential_equation(law, name):
     assert law != "dahl" or np.nanmax(error[straight]) < 1e-9 * C  # the others' have kinks, over which Gauss' rule is not exact
 
 
-def test_coulomb_is_a_play_with_a_spring():
-    """Against the same surface fed with 64 small steps for each sample; where it does not turn, the mean is that of the steps."""
-    rng = np.random.default_rng(1)
-    x = np.cumsum(rng.standard_normal(300)) * 3e-4
-    z, mean = 0.0, []
-    for a, b in zip(x, x[1:], strict=False):
-        for dx in np.diff(np.linspace(a, b, 65)):
-            z, before = np.clip(z + dx, -C, C), z
-            mean.append((z + before) / 2)
-    np.testing.assert_allclose(force("coulomb", x)[1:], K * np.reshape(mean, (-1, 64)).mean(axis=1), atol=1e-3 * F)
-
-
 def test_stick_slip_falls_at_its_places():
     """Each tooth of (static - kinetic) normal/k, whatever the size of a sample; the mean of whole teeth is known."""
     tooth = (F - F / 2) / K

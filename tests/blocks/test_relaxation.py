@@ -7,11 +7,13 @@ from laws import assert_same, cut_at, float_words, random_cuts, run, some_sets
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.blocks import spring
+from stimlib.blocks import integrate, spring
 from stimlib.blocks.continuous import creep_compliance, maxwell_stiffness, relaxation_modulus
 from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
 from stimlib.blocks.impedance import sampled
 from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
+from stimlib.checks import linear
+from stimlib.core.graph import reach
 from stimlib.errors import BadValue, UnitError
 
 y, f = Input("y", "m"), Input("f", "N")
@@ -30,45 +32,23 @@ def some_motion(n=120, seed=0):
     return np.r_[0.0, np.cumsum(steps)[: n - 1]]
 
 
-# The same in fifty digits: the solution of the differential equation on each straight line -----------------------------
+# The same from the law of ``checks.linear``, in extended precision --------------------------------------------------------
+def exact(block, signal, fs):
+    b = next(b for b in reach([block]) if type(b).__name__ in linear.RESPONSES)
+    h = linear.RESPONSES[type(b).__name__](b, fs).response(len(signal))
+    return np.convolve(np.asarray(signal, np.longdouble), h)[: len(signal)].astype(float)
+
+
 def exact_arm(signal, fs, k, tau):
-    """f' + f/tau = k y'."""
-    with mp.workdps(50):
-        T, force, out = 1 / mp.mpf(fs), mp.mpf(0), []
-        decay = mp.exp(-T / mp.mpf(tau))
-        previous = signal[0]
-        for v in signal:
-            slope = (mp.mpf(v) - mp.mpf(previous)) / T
-            steady = mp.mpf(k) * mp.mpf(tau) * slope
-            force = steady + (force - steady) * decay
-            out.append(force)
-            previous = v
-        return [float(v) for v in out]
+    return exact(maxwell(y, k, tau=tau), np.asarray(signal) - signal[0], fs)
 
 
 def exact_kelvin_voigt(signal, fs, k, tau):
-    """k (y + tau y') = f; before the first sample f is a line from 0."""
-    with mp.workdps(50):
-        T, tau, now, previous, out = 1 / mp.mpf(fs), mp.mpf(tau), mp.mpf(0), mp.mpf(0), []
-        decay = mp.exp(-T / tau)
-        for v in signal:
-            v = mp.mpf(v)
-            slope = (v - previous) / T
-            start = previous - slope * tau  # start + slope t is a solution
-            now = start + slope * T + (now - start) * decay
-            out.append(now / mp.mpf(k))
-            previous = v
-        return [float(v) for v in out]
+    return exact(compliance_kelvin_voigt(f, k, tau=tau), signal, fs) / k
 
 
 def exact_integral(signal, fs):
-    with mp.workdps(50):
-        total, previous, out = mp.mpf(0), mp.mpf(0), []
-        for v in signal:
-            total += (mp.mpf(v) + previous) / 2 / mp.mpf(fs)
-            previous = mp.mpf(v)
-            out.append(total)
-        return [float(v) for v in out]
+    return exact(integrate(f), signal, fs)
 
 
 def close(got, wanted, tol=4e-16):

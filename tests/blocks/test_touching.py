@@ -1,7 +1,8 @@
-"""Walls, detents and buttons: the mean over a sample against many small ones, their energy, and what is refused."""
+"""Walls, detents and buttons: their laws, their energy, and what is refused."""
 
 import numpy as np
 import pytest
+from laws import lawful
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError, constant
@@ -14,11 +15,6 @@ MADE = {
     "hunt_crossley": wall(X, 1000.0, 0.0, 0.2e-3, hunt_crossley=3.0),
     "detents": detents(X, 1e-3, 0.8),
     "button": button(X, 2.0, 0.4, 1e-3, 0.6e-3).force,
-}
-FORCES = {  # at a place x and speed v; a button's depends on its past
-    "wall": lambda x, v: np.where(x > 0.2e-3, np.maximum(0, 1000 * (x - 0.2e-3) + 5 * v), 0),
-    "hunt_crossley": lambda x, v: np.where(x > 0.2e-3, np.maximum(0, 1000 * (x - 0.2e-3) * (1 + 3 * v)), 0),
-    "detents": lambda x, v: 0.8 * np.sin(2 * np.pi * x / 1e-3),
 }
 PROC = stimlib.compile(Scene(MADE), FS)
 
@@ -35,26 +31,9 @@ def walk(n, seed=0):
     return 0.5e-3 + 2e-3 * np.sin(np.cumsum(steps) * 1e3)
 
 
-def snapped(x):
-    """Where a button that snaps at 1 mm and comes back at 0.6 mm is pressed."""
-    q, found = 0.0, []
-    for v in x:
-        q = 1.0 if v >= 1e-3 else 0.0 if v < 0.6e-3 else q
-        found.append(q)
-    return np.array(found)
-
-
 @pytest.mark.parametrize("name", MADE)
 def test_a_sample_is_the_mean_over_its_way(name):
-    x, fine = walk(400), 2000
-    along = (x[:-1, None] + np.diff(x)[:, None] * (np.arange(fine) + 0.5) / fine).ravel()
-    if name == "button":
-        force = 2.0 * (np.maximum(along, 0) / 1e-3 - 0.4 * snapped(along))
-    else:
-        force = FORCES[name](along, np.repeat(np.diff(x) * FS, fine))
-    mean = force.reshape(-1, fine).mean(axis=1)
-    size = np.abs(force).reshape(-1, fine).max(axis=1) + 1
-    np.testing.assert_array_less(np.abs(forces(x)[name][1:] - mean), 1e-3 * size)
+    lawful(MADE[name], FS, x=walk(400))
     np.testing.assert_allclose(forces(np.full(2, 1.3e-3))[name][1], {"wall": 1.1, "hunt_crossley": 1.1, "detents":
         0.8 * np.sin(2.6 * np.pi), "button": 2.0 * (1.3 - 0.4)}[name], rtol=1e-12)  # fmt: skip
 
