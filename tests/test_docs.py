@@ -186,7 +186,7 @@ def test_every_test_in_the_table_of_findings_exists():
         assert what and (test or finding == "I10"), finding
         assert not test or exists(test), test
     assert {r[0] for r in rows} >= {
-        f"{c}{n}" for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10)) for n in range(1, last + 1)
+        f"{c}{n}" for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10), ("P", 6)) for n in range(1, last + 1)
     }
 
 
