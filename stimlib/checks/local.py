@@ -32,21 +32,22 @@ class Held(NamedTuple):
     where: str  # the subsystems that it is in
     samples: int  # that were looked at
     error: float  # largest, over its tolerance
-    why: str = ""  # it is not held
+    why: str = ""  # it is not held; with an error: what is wrong with its law
 
 
 def blocks_held(e: Evidence) -> list[Check]:
     """A check for each class of block; what has no law, or could not be seen, goes to ``skipped``."""
     found = held(e.scene, e.fs, e.seed, dict(zip(e.proc.inputs, e.x, strict=True)), e.x.shape[1], e.params, e.changes)
-    for kind in dict.fromkeys((type_name(type(h.block)), h.why) for h in found if h.why):
+    for kind in dict.fromkeys((type_name(type(h.block)), h.why) for h in found if h.why and not h.error):
         same = [h for h in found if (type_name(type(h.block)), h.why) == kind]
         e.skipped.append(f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}: {kind[1]}")
     checks = []
-    for name in dict.fromkeys(_group(h.block) for h in found if not h.why):
-        same = [h for h in found if not h.why and _group(h.block) == name]
+    for name in dict.fromkeys(_group(h.block) for h in found if h.error or not h.why):
+        same = [h for h in found if (h.error or not h.why) and _group(h.block) == name]
         worst = max(same, key=lambda h: h.error)
         text = f"error over tolerance, {len(same)} blocks, {max(h.samples for h in same)} samples"
         text += f"; the largest is that of {worst.block!r}{worst.where}" if worst.error > 1 else ""
+        text += f": {worst.why}" if worst.why else ""
         checks.append(Check("f", name, worst.error, 1.0, text))
     return checks
 
