@@ -180,7 +180,11 @@ def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
     heard, sink, moved = played(feed, tmp_path, monkeypatch, seconds=60.0)
     assert set(np.concatenate(moved[11:]).tolist()) == {0.01 + 1e-9 * 219}, "it stands where it was last"
     y = np.concatenate([y[0] for _, y in heard])
-    assert "feed failed: the hand has gone; correct it" in str(sink.error) and y.max() == pytest.approx(0.4, rel=1e-4) and abs(y[-1]) < 0.005
+    assert (
+        "feed failed: the hand has gone; correct it" in str(sink.error)
+        and y.max() == pytest.approx(0.4, rel=1e-4)
+        and abs(y[-1]) < 0.005
+    )
     assert np.abs(np.diff(y)).max() < 0.01
 
 
