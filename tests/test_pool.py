@@ -344,6 +344,11 @@ def test_a_job_has_its_seconds_and_the_others_go_on(workers):
         assert ask(workers, pow, 2, 3, seconds=60) == 8
 
 
+def test_the_seconds_of_a_job_begin_anew_with_each_note(workers):
+    text = "import time\nfrom stimlib.core.pool import note\nfor k in range(4):\n    note(k, bytes(16))\n    time.sleep(0.6)"
+    assert ask(workers, exec, text, seconds=1.5) is None
+
+
 def test_what_a_worker_begins_with_and_waits_for_takes_no_seconds_of_a_job():
     with Pool(1, time.sleep, 1.0) as pool:
         assert ask(pool, pow, 2, 3, seconds=0.5) == 8

@@ -548,3 +548,12 @@ def test_state_reset_and_set_wait_for_each_other():
     for seed, start in starts.items():
         proc.reset(seed)
         assert_same(proc.state, start)
+
+
+def test_a_seed_is_a_plain_number_and_samples_have_a_limit(monkeypatch):
+    proc = stimlib.compile(Scene({"y": blocks.white_noise(1)}), 1000, "python", seed=np.int64(3))
+    assert type(proc.seed) is int and proc.seed == 3
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 8 * 10)
+    assert proc.process(10).shape == (1, 10)
+    with pytest.raises(BadValue, match="bytes of 11 samples: 88 is more than limits.render_bytes"):
+        proc.process(11)

@@ -606,7 +606,7 @@ def _grid(b, fs, x, y):
     want[1, (x[0] < i[0]) | (x[0] > i[-1])] = 0
     want[2, (x[1] < j[0]) | (x[1] > j[-1])] = 0
     size = max(float(np.abs(b.table).max()), 1e-300)
-    u, v = (px - x0) / dx, (py - y0) / dy
+    u, v = (x[0] - x0) / dx, (x[1] - y0) / dy
     joint = np.minimum(np.abs(u - np.rint(u)), np.abs(v - np.rint(v))) < TIE  # slopes of the two sides differ
     tol = np.full((3, y.shape[1]), 1e-9 * size)
     tol[1:] /= np.array([[dx], [dy]])

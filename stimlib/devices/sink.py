@@ -497,7 +497,7 @@ class Sink:
             error.__cause__ = e
             self.error = error
         if self._started:
-            self.pump.stop("fault" if isinstance(e, FaultError) else "error", earliest)
+            self.pump.stop("fault" if isinstance(e, FaultError) else "error", self._earliest)
 
     def _watch_device(self, seconds: float) -> None:
         """A device that hangs calls no more, without a word; ``seconds`` have passed since the last look."""

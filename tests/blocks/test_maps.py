@@ -1,6 +1,7 @@
 """Functions of the present sample: against numpy they are held by ``checks.rows``."""
 
 import numpy as np
+import pytest
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, blocks, constant

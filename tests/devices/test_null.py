@@ -49,6 +49,19 @@ def test_the_log_tells_when_the_device_was_open(caplog):
     assert caplog.messages == [f"null: opened {scene}", f"null: closed {scene}, {sink.report()}"]
 
 
+@pytest.mark.parametrize("motion", [lambda t: 0.5 - t, 0.5 - np.arange(800) / FS], ids=["function", "recorded"])
+def test_the_rise_before_sample_0_leads_to_it(motion):
+    scene = Scene({"y": Param("level", 1.0) * Input("x") + 0.01 * stimlib.blocks.white_noise(1)})
+    with fast(scene, 10.0, motion={"x": motion}, params={"level": 3.0}, seed=5) as sink:
+        sink.open(FS)
+        start, firsts = sink.pump.start, []
+        sink.pump.start = lambda frames, first: (firsts.append(first), start(frames, first))
+        sink.start(seconds=0.1)
+        sink.wait()
+    y = stimlib.render(scene, {"x": motion}, FS, 0.1, {"level": 3.0}, seed=5)["y"]
+    assert firsts[0].tolist() == [y[0]] and y[0] > 1.4 and y[0] != y[1]
+
+
 @pytest.mark.parametrize("fs", [1000, 8000, 48000])
 @pytest.mark.parametrize("block", [16, 32, 64])
 @pytest.mark.parametrize("channels", [2, 8, 24])
@@ -205,6 +218,18 @@ def test_what_cannot_be_set():
             sink.push([["far"]])
     with pytest.raises(BadValue, match="Scene"):
         NullSink("squeeze", 1.0)
+
+
+def test_no_stop_after_a_fault_begins_before_the_guard_has_faded():
+    with pytest.raises(FaultError, match="y failed"), clocked(steady()) as sink:
+        sink.open(FS)
+        sink.start()
+        stop, asked = sink.pump.stop, []
+        sink.pump.stop = lambda reason, earliest=0: (asked.append((reason, earliest)), stop(reason, earliest))
+        sink._fail(FaultError("y failed"), 800)
+        sink._fail(OSError("the disk is full"))
+        sink.stop()
+    assert asked == [("fault", 800), ("error", 800), ("stop", 800)]
 
 
 def test_an_output_that_fails_ends_the_session_with_its_name():

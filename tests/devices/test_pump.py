@@ -209,6 +209,12 @@ def test_stop_fades_from_the_next_block():
     assert (300, "stop", {"reason": "stop"}) in bench.events
     assert np.abs(np.diff(y)).max() < 0.01 and y[299] == 1 and not y[460:].any()
     assert bench.pump.index == 460
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
+    bench.pump.start(None)
+    bench.block(300)
+    bench.pump.stop("error", earliest=700)
+    bench.block(1000)
+    assert (700, "stop", {"reason": "error"}) in bench.events and bench.heard()[699, 0] == 1 > bench.heard()[701, 0]
 
 
 def test_a_stop_during_the_fade_in_has_no_step():
@@ -393,6 +399,7 @@ def test_percentiles_of_block_times():
         octave = ns.bit_length() - 4
         pump.histogram[ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)] += count
     p5, p50, p99 = pump.percentiles(5, 50, 99)
+    assert pump.percentiles(10, 10.5) == [p5, p50], "10.5 % of 100 blocks are 11"
     assert 3e-9 <= p5 <= 4e-9 and 1000e-9 <= p50 <= 1125e-9 and 1e-3 <= p99 <= 1.125e-3
     bench = Bench(squeeze(), Recorded(fingers(1000)))
     bench.pump.start(None)

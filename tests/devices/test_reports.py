@@ -111,6 +111,18 @@ def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports)
     assert slow.info["period"] == pytest.approx(0.008 * scale)
 
 
+@pytest.mark.parametrize(
+    ("period", "why"), [(0.9e-7, "which no clock gives"), (1.1e-7, ""), (0.49, ""), (0.51, "which is slow for a hand")]
+)
+def test_periods_of_a_hand_have_limits(path, period, why):
+    path.write_text("t_s,x\n" + "".join(f"{period * i!r},0\n" for i in range(5)))
+    if why:
+        with pytest.raises(RecordingError, match=why):
+            recording(path, {"x": "x"})
+    else:
+        assert recording(path, {"x": "x"}, max_gap=None if period < 0.4 else 0.5).info["period"] == pytest.approx(period)
+
+
 def test_the_conversion_that_is_proposed_can_be_typed(path):
     path.write_text("Time (s),x\n0,0\n8,0.001\n16,0.002\n")
     with pytest.raises(RecordingError, match=r"write time=\"'Time \(s\)'\*1e-3\""):

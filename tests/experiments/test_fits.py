@@ -206,6 +206,15 @@ def test_bootstrap_intervals_hold_the_truth():
     assert 0.94 < inside / 2000 < 0.96
 
 
+def test_bootstrap_draws_lapses_too():
+    """As by hand: answers drawn from the curve with its lapses, each fitted with the same rate."""
+    yes, asked, n = 10 * np.array(YES), 10 * np.array(ASKED), 20
+    drawn = np.random.default_rng(3).binomial(asked, psychometric(LEVELS, yes, asked, lapse=0.1)(LEVELS), (n, len(LEVELS)))
+    fits = psychometrics({k: (LEVELS, drawn[k], asked) for k in range(n)}, lapse=0.1, interval="none")
+    wanted = np.quantile([f.pse for f in fits.values()], [0.025, 0.975], method="median_unbiased")
+    np.testing.assert_allclose(bootstrap(Sets(np.array(LEVELS), yes, asked), Model(lapse=0.1), seed=3, n=n)[0], wanted, rtol=1e-9)
+
+
 def test_bootstrap_and_profile_agree_where_there_are_many_answers():
     many = [10 * v for v in YES], [10 * v for v in ASKED]
     a, b = (psychometric(LEVELS, *many, interval=i, seed=5) for i in ("profile", "bootstrap"))

@@ -27,7 +27,7 @@ from stimlib.experiments.present import prepare, present, program, spans
 from stimlib.experiments.questions import rating
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import columns, read, sessions, status
-from stimlib.experiments.session import Session
+from stimlib.experiments.session import LOG, Session
 from stimlib.experiments.tasks import Identify, Show
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
 from stimlib.files.replay import replay
@@ -516,6 +516,17 @@ def test_a_log_of_another_experiment_or_version_is_refused(tmp_path):
         with pytest.raises(BadValue, match=f"another experiment or version: {what} differs"):
             some(tmp_path, 0, experiment(**other), resume=True)
     assert len(some(tmp_path, 1, resume=True).records) == 3
+
+
+def test_an_answer_is_on_the_disk_and_its_log_has_room(tmp_path, monkeypatch):
+    made = experiment(timing=Timing(interval=2.0, gap=1.0, before=0.0, ramp=0.0))
+    synced, fsync = [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_size), fsync(fd)))
+    with Session(made, tmp_path, "P01") as session:
+        session.put(observer(session.due(), np.random.default_rng(1)), [nothing(None, None)])
+        assert (session.folder / "trials.jsonl").stat().st_size in synced
+        four = Trial("a", 4 * pair().stimuli[:1], ("softer",))
+        assert session._log_bytes(four) - LOG >= 11 * 1000 * (8 + 4)  # 4 intervals and 3 gaps: motion, and what was delivered
 
 
 def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):

@@ -152,12 +152,13 @@ class Clock:
 
 
 def played(feed, tmp_path, monkeypatch, seconds, stall=0.0):
-    """A session with its log: what was heard, and the sink."""
-    clock, heard = Clock(), []
+    """A session with its log: what was heard, the sink, and the motion of each block that was heard."""
+    clock, heard, moved = Clock(), [], []
     monkeypatch.setattr("stimlib.live.sink.time", clock)
 
     def take(at, x, y):
         heard.append((at, y.copy()))
+        moved.append(x[0].copy())
         clock.now += stall if len(heard) == 5 else 0.0
 
     sink = PageSink(SPRING, 50.0, feed=feed, take=take, log=tmp_path / "log")
@@ -167,24 +168,30 @@ def played(feed, tmp_path, monkeypatch, seconds, stall=0.0):
         time.sleep(0.001)
     sink.close()
     assert replay(read_log(tmp_path / "log")).matches
-    return heard, sink
+    return heard, sink, moved
 
 
 def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
     def feed(at, n):
         if at > 200:
             raise BadValue("the hand has gone")
-        return np.full((1, n), 0.01)
+        return 0.01 + 1e-9 * np.arange(at, at + n)[None]
 
-    heard, sink = played(feed, tmp_path, monkeypatch, seconds=60.0)
+    heard, sink, moved = played(feed, tmp_path, monkeypatch, seconds=60.0)
+    assert set(np.concatenate(moved[11:]).tolist()) == {0.01 + 1e-9 * 219}, "it stands where it was last"
     y = np.concatenate([y[0] for _, y in heard])
-    assert "feed failed: the hand has gone; correct it" in str(sink.error) and y.max() == np.float32(0.4) and abs(y[-1]) < 0.005
+    assert (
+        "feed failed: the hand has gone; correct it" in str(sink.error)
+        and y.max() == pytest.approx(0.4, rel=1e-4)
+        and abs(y[-1]) < 0.005
+    )
     assert np.abs(np.diff(y)).max() < 0.01
 
 
 @pytest.mark.parametrize("stall, lost", [(0.26, 0), (0.28, 260), (0.4, 380), (0.8, 500)])  # one block later there are 20 less
 def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(tmp_path, monkeypatch, stall, lost):
-    heard, sink = played(lambda at, n: np.full((1, n), 0.01), tmp_path, monkeypatch, 1.0, stall)
+    heard, sink, moved = played(lambda at, n: 1e-5 * np.arange(at, at + n)[None], tmp_path, monkeypatch, 1.0, stall)
+    assert all(np.array_equal(x, 1e-5 * np.arange(at, at + y.shape[1])) for (at, y), x in zip(heard, moved, strict=True))
     report = sink.report()
     assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)
     at = [a for a, _ in heard]
