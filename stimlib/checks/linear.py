@@ -371,7 +371,8 @@ def _track(b, fs, x, y):
         h = -np.expm1(-t) - t * np.exp(-t)
     else:
         h = fs * np.exp(-t + q) * ((1 + t - q) * -np.expm1(-q) - q * np.exp(-q))
-    h, want, rate = h.astype(float), np.zeros(y.size), type(b).__name__ != "Track"
+    rate = type(b).__name__ != "Track"
+    h, want = h.astype(float), np.full(y.size, 0.0 if x.rest or rate else y[0])
     jump = np.abs(np.diff(place, prepend=place[:1])) > most
     starts = np.flatnonzero(touching & (np.r_[True, ~touching[:-1]] | jump))
     ends = np.flatnonzero(~touching & np.r_[False, touching[:-1]])
@@ -382,5 +383,5 @@ def _track(b, fs, x, y):
         way = place[a:e] - place[a]
         want[a:e] = summed(h, np.diff(way, prepend=0.0)) + (0.0 if rate else place[a])
         if not rate:
-            want[e : edges[k + 1]] = want[e - 1]
+            want[e : edges[k + 1]] = want[e - 1] if x.rest or a else y[e - 1]
     return want, 1e-12 * (fs if rate else 1.0) * max(float(np.abs(place[touching]).max(initial=0.0)), 1e-300)
