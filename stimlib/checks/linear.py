@@ -300,7 +300,7 @@ def _linear(b, fs, x, y):
         way = x[0][s] - (x[0][s.start] if type(b).resettable and not (step and k == 0) else 0.0)
         h = made.response(way.size) if isinstance(made, Modes) else made(way.size)
         want[s] = summed(h, way)
-        loss = 3e-15 if callable(made) and h.size <= SHORT else rounding(b)
+        loss = rounding(b, 3e-15 if callable(made) and h.size <= SHORT else 1e-13)
         tol[s] = float(np.abs(h).sum()) * (loss * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max()) + 1e-300
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
@@ -343,11 +343,11 @@ def free(L: Row, rest: Row) -> Row:
     return columns(np.arange(rest.size)) @ c
 
 
-def rounding(b: Any) -> float:
+def rounding(b: Any, least: float) -> float:
     """What a step may lose, as a part of the largest sum that there can be."""
     wide = b.high / b.low if getattr(b, "band", "") == "bandstop" else 0.0
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
-    return 1e-13 * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (type(b).__name__ == "Series")
+    return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (type(b).__name__ == "Series")
 
 
 def late(b: Any, fs: float) -> int:
@@ -371,7 +371,8 @@ def _track(b, fs, x, y):
         h = -np.expm1(-t) - t * np.exp(-t)
     else:
         h = fs * np.exp(-t + q) * ((1 + t - q) * -np.expm1(-q) - q * np.exp(-q))
-    h, want, rate = h.astype(float), np.zeros(y.size), type(b).__name__ != "Track"
+    rate = type(b).__name__ != "Track"
+    h, want = h.astype(float), np.full(y.size, 0.0 if x.rest or rate else y[0])
     jump = np.abs(np.diff(place, prepend=place[:1])) > most
     starts = np.flatnonzero(touching & (np.r_[True, ~touching[:-1]] | jump))
     ends = np.flatnonzero(~touching & np.r_[False, touching[:-1]])
@@ -382,5 +383,5 @@ def _track(b, fs, x, y):
         way = place[a:e] - place[a]
         want[a:e] = summed(h, np.diff(way, prepend=0.0)) + (0.0 if rate else place[a])
         if not rate:
-            want[e : edges[k + 1]] = want[e - 1]
+            want[e : edges[k + 1]] = want[e - 1] if x.rest or a else y[e - 1]
     return want, 1e-12 * (fs if rate else 1.0) * max(float(np.abs(place[touching]).max(initial=0.0)), 1e-300)
