@@ -152,6 +152,14 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
     with pytest.raises(BadValue, match="cannot be sent to another process"):
         sweep(SPRING, {"k": [1.0, 2.0]}, **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]})
 
+    class Stays:
+        def __reduce__(self):
+            raise RuntimeError("it stays here")
+
+    stays = Stays()
+    with pytest.raises(BadValue, match="cannot be sent to another process: it stays here"):
+        sweep(SPRING, {"k": [1.0, 2.0]}, **RUN | {"workers": 2, "measures": [measure("1")(lambda run: stays)]})
+
 
 def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
     def peaks(k=2.0, name="a", sweep="one", **words):
