@@ -316,6 +316,13 @@ def test_a_mean_is_of_the_nearest_number_of_samples():
         np.testing.assert_allclose(y, np.where(np.arange(4) < n, 1 / n, 0.0), rtol=1e-15)
 
 
+def test_the_response_of_an_svf_has_what_comes_before_it():
+    one, two = (
+        stimlib.compile(Scene({"y": b.svf(k * X, 50.0, 2.0)}), 1000, "python").response("y", "x", 30.0) for k in (1.0, 2.0)
+    )
+    assert two == pytest.approx(2 * one, rel=1e-12) and one != 0
+
+
 def test_a_level_rises_and_falls_with_its_time_constants():
     proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
     y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]
