@@ -282,6 +282,12 @@ class Asked:
         """The input ``contact``; 1 where there is none."""
         return self.x.get("contact", np.ones(self.n))
 
+    @property
+    def slack(self) -> float:
+        """What the window's own rounding may change, as a part of a value: its time is rounded, and its ramps are steep."""
+        span = self.part.span
+        return 0.0 if span is None or not span.ramp else 4.0 * 2.0**-53 * (span.start + span.duration) / span.ramp
+
     def live(self, name: str) -> np.ndarray:
         """A parameter at every sample, its ramps written again as straight lines."""
         name = self.part.inputs.get(name, name)
@@ -313,7 +319,7 @@ class Asked:
         """An output against what it should be, in parts of its largest value, or of ``least`` where that is larger."""
         top = max(float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)), least)
         self.expect(name, want, tol * top)
-        return Check(group, f"{self.title(name)}: {text}", self.apart(name, want) / top, tol, "of its largest value")
+        return Check(group, f"{self.title(name)}: {text}", self.apart(name, want) / top, tol + self.slack, "of its largest value")
 
     def begins(self, values: Mapping[str, float]) -> Check:
         """Parameters of the scene have the values that were asked for, where nobody sets them."""

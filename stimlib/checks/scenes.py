@@ -78,7 +78,8 @@ def own_law(a: Asked) -> list[Check]:
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
         tol = OWN_TOL * top if stated is None else float(stated)
         a.expect(name, row, tol)
-        checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol, "the law that came with the scene"))
+        text = "the law that came with the scene"
+        checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text))
     return checks
 
 
@@ -112,7 +113,7 @@ def _squeeze(a: Asked) -> list[Check]:
             a.e.fingers[a.output(name)] = finger
         want = _held(finger.force, a.y[name], a.fs) if g["limits"] else finger.force
         acted = bool((want != finger.force).any())
-        slack = 2.0**-50 * TAU * a.fs * acted  # a mean over tau, by two recursions
+        slack = 2.0**-50 * TAU * a.fs * acted + a.slack  # a mean over tau, by two recursions
         a.say(
             f"{a.title(name)}: velocity through {g['cutoff']:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s"
             f"{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
@@ -210,7 +211,7 @@ def _viscoelastic(a: Asked) -> list[Check]:
         at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
         force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
         k = gain[i:j][at]
-        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + 1e-15 * np.abs(k) * np.abs(force)
+        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + a.slack) * np.abs(k) * np.abs(force)
         over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
 
     def everywhere() -> np.ndarray:

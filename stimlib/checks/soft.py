@@ -203,7 +203,9 @@ def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Che
             error, long = reversible(S, seen[0], seen[1], hand[0], hand[1], on)
             if long:
                 a.e.skipped.append(f"{a.title('x1')}: {long} steps of the hand are too long for one middle")
-            return [Check("d", f"{a.title('x1')}, y1: steps of the reversible cursor", error, 1e-9, "of the largest step")]
+            return [
+                Check("d", f"{a.title('x1')}, y1: steps of the reversible cursor", error, 1e-9 + a.slack, "of the largest step")
+            ]
         places, text = by_frames(S, seen, hand, on, FRAME * a.fs, SPEEDS), "eq. (1), frame by frame"
     return [*checks, *(a.near(name, row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True))]
 
@@ -228,5 +230,5 @@ def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row
     checks = [Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")]
     if g["mode"] == "vibration":
         wrong = a.far(motor(waits, a.fs, 1.0) - a.y["vibration"])
-        checks.append(Check("e", f"{a.title('vibration')}: as long as the delays", wrong, 0, "1 where a sample is wrong"))
+        checks.append(Check("e", f"{a.title('vibration')}: as long as the delays", wrong, a.slack, "1 where a sample is wrong"))
     return places, checks

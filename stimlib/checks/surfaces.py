@@ -111,7 +111,8 @@ def grating(a: Asked) -> list[Check]:
 
     at = np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(int))
     error = np.zeros(n)
-    error[at] = (a.y["force"][at] - force(at)) / bound[at]
+    want = force(at)
+    error[at] = (a.y["force"][at] - want) / (bound[at] + a.slack * np.abs(want))
     a.expect("force", lambda: force(np.arange(n)), float(bound.max(initial=0.0)))
     text = f"error over its bound, {at.size} samples: what is at a place, averaged over each movement, written again"
     name = a.title("force")

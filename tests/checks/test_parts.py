@@ -249,6 +249,20 @@ def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
     assert any("from 0.032" in n for n in held) and any("from 0.282" in n for n in held)
 
 
+@pytest.mark.parametrize("mode", ["vibration", "multipoint", "mouse", "frames"])
+def test_the_law_of_a_soft_surface_holds_in_a_long_trial_with_steep_ramps(mode):
+    """The window's time is rounded, which a steep ramp makes larger."""
+    words = {"mouse": {"device": "mouse"}, "frames": {"frames": True}}.get(mode, {"mode": mode})
+    e = Experiment(
+        "pair", "1", {"s": stimlib.scenes.soft_surface(**words)}, None, (ASKED,), fs=500, safety=Safety(1000.0),
+        timing=Timing(12.0, 0.1, 0.0, 0.002),
+    )  # fmt: skip
+    scene, params = program(e, Trial("a", (Stimulus("s"), Stimulus("s")), ("more",)))
+    moves = {n: m for n, m in hands("soft_surface").items() if n in scene.inputs}
+    report = verified(scene, moves, 24.2, 500, params=params)
+    assert report.passed, str(report)
+
+
 @pytest.mark.parametrize("ramp", [0.0, 0.05])
 def test_a_wrong_interval_is_refused(ramp):
     _, _, scene, params = trial_of(SCENES["squeeze"], ramp)
