@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from stimlib.cli import app, terminal
 from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
+from stimlib.experiments.prompts import Keyed, prompted
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.saved import read
 
@@ -255,6 +256,21 @@ def test_a_session_that_is_suspended_gives_the_shell_its_terminal(pty, monkeypat
         inside = look()
         os.kill(os.getpid(), signal.SIGTSTP)
         assert look() == inside and stopped == [(signal.SIGTSTP, pty.before, signal.SIG_DFL)]
+
+
+def test_a_rating_of_nine_is_a_key_and_one_of_ten_a_line():
+    nine, ten = (prompted(rating("size", "How large?", "small", "large", most=n)) for n in (9, 10))
+    assert list(nine.keys) == list("123456789") and (nine.keys["9"], nine.line) == ("large", False)
+    assert (dict(ten.keys), ten.line, ten.text) == ({}, True, "How large? (1 = small, 10 = large)")
+    assert prompted(ranking("order", "The largest first", "A", "B")).words == ("A", "B")
+
+
+def test_a_question_that_has_the_key_r_is_answered_by_it_and_is_not_shown_again():
+    question = choice("softer", "Which one?", "left", "right", keys="lr")
+    assert dict(prompted(question, replays=2).keys) == {"l": "left", "r": "right"}
+    face = Keyed()
+    face.read = lambda prompt: "r"
+    assert face.ask(None, question, replays=2) == "right"
 
 
 @pytest.mark.parametrize("name, code", [("SIGTERM", 143), ("SIGHUP", 129)])

@@ -217,6 +217,7 @@ def test_nothing_heaps_up_for_a_page_that_reads_nothing():
         assert page.skipped == 600 - WAITING and len(page.blocks) == WAITING
         for _ in range(WAITING + 1):
             page.tell({"is": "error"})
+        page.close(4409, "the reason that came first counts")
         assert page.end[0] == 4408 and page.ended.is_set()
         return sizes
 
