@@ -12,12 +12,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..core.fields import number
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .streams import seed_of, stream
 from .tasks import Task
 from .trial import Answer, Design, State, Trial, outcome
 
 
+@public
 def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     """Names in random order; one more name leaves the others in the order that they had.
 
@@ -40,6 +41,7 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     return sorted(names, key=lambda name: stream(seed, purpose, name).random())
 
 
+@public
 def turn_of(participant: str, turns: int) -> int:
     """Which of so many orders a participant has, from 0 on: the number at the end of the code, less 1, modulo turns.
 
@@ -62,6 +64,7 @@ def turn_of(participant: str, turns: int) -> int:
     return (int(digits.group()) - 1) % turns
 
 
+@public
 @dc.dataclass(frozen=True)
 class Staircase:
     """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49, 467-477).
@@ -189,6 +192,7 @@ class Staircase:
         }
 
 
+@public
 @dc.dataclass(frozen=True)
 class Listed:
     """A list of trials, each several times, in random order: constant stimuli, one-interval 2AFC, ratings, ranking.
@@ -265,6 +269,7 @@ class Listed:
         return {**state, "n": state["n"] + 1}
 
 
+@public
 @dc.dataclass(frozen=True)
 class Interleaved:
     """Several designs at a time, one of which is drawn for each trial, until all have ended.
@@ -312,6 +317,7 @@ class Interleaved:
         return {**state, "n": state["n"] + 1, "tracks": tracks}
 
 
+@public
 @dc.dataclass(frozen=True)
 class Parts:
     """Designs one after another.

@@ -23,12 +23,12 @@ from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, StimlibError, UnknownName
+from ..errors import BadValue, StimlibError, UnknownName, public
 from ..files.log import LogWriter, header
 from ..files.replay import delivered
 from ..files.session import read_log
 from ..run.safety import Safety
-from .experiment import Experiment
+from .experiment import Cursor, Experiment
 from .trial import Trial
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
 
 # The program ---------------------------------------------------------------------------------------------------------
+@public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     """First sample of each interval, and the one after its last.
 
@@ -53,6 +54,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     return [(at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))]
 
 
+@public
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
     """A trial as one scene, and the parameters that it is to start with.
 
@@ -127,7 +129,7 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
     if m is None:
         return s
     rest = [name for name in scene.outputs if name != m.output]
-    scale = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
+    scale: Any = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
     slew = dict.fromkeys(rest, s.slew) if isinstance(s.slew, float) else s.slew
     return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
 
@@ -177,6 +179,7 @@ AHEAD = 1000
 """Trials of a session of which the programs are compiled before it begins."""
 
 
+@public
 def prepare(session: Session, sink: str) -> int:
     """Compile what a session displays before it begins; later it would be late once for each kind of stimulus, and tell of it.
 
@@ -206,6 +209,7 @@ def prepare(session: Session, sink: str) -> int:
     return len(done)
 
 
+@public
 def present(
     experiment: Experiment,
     trial: Trial,
@@ -268,6 +272,7 @@ def present(
 
 
 # What came out -------------------------------------------------------------------------------------------------------
+@public
 def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]) -> dict[str, Any]:
     """Peak and RMS of each output in each interval, of the samples that the log says were delivered, in the outputs' units.
 
@@ -302,7 +307,8 @@ def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tu
     return found
 
 
-def followed(x: NDArray[np.float64], cursor: Any, fs: float) -> dict[str, float]:
+@public
+def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
     """How well a hand followed the reference, by least squares of a sine and a cosine of its frequency and a constant.
 
     Parameters
@@ -328,6 +334,8 @@ def followed(x: NDArray[np.float64], cursor: Any, fs: float) -> dict[str, float]
     >>> {k: round(v, 6) for k, v in followed(0.009 * np.sin(2 * np.pi * (t - 0.05)), Cursor("x", 0.01), 1000).items()}
     {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
     """
+    if np.ndim(x) != 1:
+        raise BadValue(f"followed: x must be a row of positions, got shape {np.shape(x)}")
     t = np.arange(len(x)) / fs
     w = 2 * np.pi * cursor.frequency
     waves = np.stack([np.sin(w * t), np.cos(w * t), np.ones_like(t)], axis=1)
