@@ -28,7 +28,7 @@ from ..core.program import warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
-from ..motion.source import frames_of, sources_of, warn_fast
+from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
@@ -46,7 +46,7 @@ NEARLY = 1.79e308  # the largest float less more than what rounding a sample add
 def write(
     path: str | os.PathLike[str],
     proc: Processor,
-    motion: Mapping[str, Callable[[Array], Any] | NDArray[Any]] | None = None,
+    motion: Motion | None = None,
     seconds: float | None = None,
     *,
     format: str | None = None,
