@@ -90,7 +90,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     >>> from stimlib.experiments.questions import choice
     >>> from stimlib.experiments.trial import Stimulus, Trial
     >>> spring = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
-    >>> pair = Experiment("pair", "1", {"spring": spring}, None, (choice("softer", "?", "first", "second"),), fs=1000,
+    >>> which = choice("softer", "?", "first", "second")
+    >>> pair = Experiment("pair", "1", {"spring": spring}, lambda who, session: None, (which,), fs=1000,
     ...     safety=10.0, timing=Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0))
     >>> trial = Trial("a", (Stimulus("spring", {"k": 1.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
     >>> spans(pair, trial)  # the fade of the sink comes first
