@@ -14,6 +14,7 @@ from .checks.verify import verify
 from .core import regular
 from .core.pool import spread
 from .core.scene import Scene
+from .errors import public
 from .files.audio import write
 from .motion.generators import Motion, jittered, minimum_jerk, quantised
 from .run.processor import compile
@@ -81,6 +82,7 @@ class Shown(NamedTuple):
     """Path, what it is, what to look at."""
 
 
+@public
 def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Shown, None, None]:
     """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um (on the touch screen 10 um).
 

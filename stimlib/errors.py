@@ -1,7 +1,17 @@
-"""The exceptions stimlib raises; each is also the built-in exception that a caller would expect."""
+"""The exceptions stimlib raises, each also the built-in one that a caller would expect; and the check of public arguments."""
 
+import functools
+import importlib
+import inspect
+import numbers
+import os
 import re
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
+F = TypeVar("F", bound=Callable)
 LONGEST = 4000  # letters of an error: it may quote what others wrote
 _CONTROL = re.compile(r"[^\n\x20-\x7e\xa0-\U0010ffff]|[\u061c\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
@@ -77,7 +87,200 @@ class UnknownName(StimlibError, KeyError):
         return said(Exception.__str__(self))
 
 
+def outside() -> int:
+    """Return the ``stacklevel`` with which a warning points at the first line that is not of stimlib."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back and frame.f_code.co_filename.startswith(os.path.dirname(__file__)):
+        frame, level = frame.f_back, level + 1
+    return level
+
+
 def place(f: object) -> str:
     """File and line of a function, as an error begins."""
     code = getattr(f, "__code__", None)
     return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
+
+
+# Arguments of public functions ---------------------------------------------------------------------------------------
+class Numbers:
+    """What numpy makes an array of real numbers of."""
+
+
+class Unseen:
+    """A class that is not imported where a function is defined: it is known by its name."""
+
+
+def _numbers(v: Any, kinds: str = "biuf") -> bool:
+    try:
+        return importlib.import_module("numpy").asarray(v).dtype.kind in kinds
+    except Exception:  # rows of several lengths, or whatever an object does that is asked for an array
+        return False
+
+
+KINDS: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    float: ("a number", lambda v: isinstance(v, numbers.Real) and not isinstance(v, bool)),
+    int: ("a whole number", lambda v: isinstance(v, numbers.Integral) and not isinstance(v, bool)),
+    bool: ("True or False", lambda v: type(v).__name__ in ("bool", "bool_")),
+    str: ("a text", lambda v: isinstance(v, str)),
+    NoneType: ("None", lambda v: v is None),
+    os.PathLike: ("a path", lambda v: isinstance(v, os.PathLike)),
+    Callable: ("a function", callable),
+    Numbers: ("a list of numbers", _numbers),
+}
+CLASSES = {
+    "Any": "any value",
+    "Block": "a block",
+    "Levels": "a map (levels, width, height), as stimlib.soft.array makes it",
+    "Scene": 'a Scene, such as Scene({"force": force})',
+    "TextureModel": "a TextureModel, as load_texture(path) reads it",
+    "ndarray": "an array of numbers",
+}
+LISTS = {tuple: "a tuple (..)", list: "a list [..]", Sequence: "a list [..]", Collection: "a list [..]", Iterable: "a list [..]"}
+
+
+PUBLIC: dict[str, str] = {}
+"""Functions and classes whose arguments are checked, and their modules."""
+
+
+def public(f: F) -> F:
+    """Check the arguments of a public function, or of a class that users make, against their annotations.
+
+    An argument of another kind is refused before the function runs, by the names of the function and of the argument.  An
+    error from within begins with the name of the function, too.
+
+    Raises
+    ------
+    BadValue
+        When called: an argument is not what its annotation says.
+
+    Examples
+    --------
+    >>> from stimlib.errors import public
+    >>> @public
+    ... def doubled(x: float) -> float:
+    ...     return 2 * x
+    >>> doubled("3")
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: doubled: x = '3' must be a number
+    """
+    if isinstance(f, type):
+        f.__init__ = _checked(f.__init__, f.__name__)  # type: ignore[misc]
+        return f
+    return _checked(f, f.__name__)
+
+
+def _checked(f: Any, name: str) -> Any:
+    PUBLIC[name] = str(f.__module__)
+    signature = inspect.signature(f)
+    hints = functools.cache(lambda: {p.name: _hint(p, inspect.unwrap(f).__globals__) for p in signature.parameters.values()})
+
+    @functools.wraps(f)
+    def call(*given: Any, **named: Any) -> Any:
+        try:
+            bound = signature.bind(*given, **named).arguments
+        except TypeError:
+            return f(*given, **named)  # which says what is wrong with the call
+        try:
+            live = None
+            for where, value in bound.items():
+                hint, endless = hints()[where]
+                if not _fits(value, hint):
+                    wrong = BadValue(f"{where} = {shortened(value)} must be {_words(hint)}")
+                    if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
+                        raise wrong
+                    live = wrong  # the block that gets it as a design number says more
+                if isinstance(value, int if endless else int | float) and not abs(value) <= sys.float_info.max:
+                    what = "is not finite" if isinstance(value, float) else "is beyond what a float can hold"
+                    raise BadValue(f"{where} = {shortened(value)} {what}; give a finite number")
+            y = f(*given, **named)
+            if live:
+                raise live
+            return y
+        except (RecordingError, SceneFileError):  # which name the file; SinkError the device
+            raise
+        except (BadValue, SceneError, UnknownName) as e:
+            first, _, rest = str(e.args[0]).partition(": ")
+            if first in PUBLIC and rest.split(" ")[0].rstrip(":") in signature.parameters:
+                e.args = (f"{name}: {rest}", *e.args[1:])  # an argument that was passed on
+            elif not (
+                first.lower().startswith(name.lower()) or ("scene" in signature.parameters and "blocks" in PUBLIC.get(first, ""))
+            ):
+                e.args = (f"{name}: {e.args[0]}", *e.args[1:])  # of a block in a scene the function that made it is named
+            raise
+
+    return call
+
+
+def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
+    """Return what an annotation asks for, and whether numbers may be infinite or nan, as the default is."""
+    hint: Any = p.annotation
+    known: dict[str, Any] = {"ArrayLike": Numbers, "Motion": Any}  # of a motion sources_of says more
+    while isinstance(hint, str):
+        try:
+            hint = eval(p.annotation, names, known)
+        except NameError as e:  # what only a type checker imports
+            known[str(e.name)] = type(str(e.name), (Unseen,), {})
+    hint = Any if hint is p.empty else NoneType if hint is None else hint
+    if p.kind is p.VAR_POSITIONAL:
+        hint = tuple[hint, ...]
+    elif p.kind is p.VAR_KEYWORD:
+        hint = Mapping[str, hint]
+    return hint, hint is Any or (isinstance(p.default, float) and not abs(p.default) <= sys.float_info.max)
+
+
+def _is(v: Any, name: str) -> bool:
+    return any(c.__name__ == name for c in type(v).__mro__)
+
+
+def _fits(v: Any, hint: Any) -> bool:
+    """Return whether a value is what a type says; of parts too, where they can be looked at."""
+    of, parts = get_origin(hint) or hint, get_args(hint)
+    if hint is Any:
+        return True
+    if _is(v, "Block") and of not in (Union, UnionType):
+        return getattr(of, "__name__", "") == "Block"
+    if of in KINDS:
+        return KINDS[of][1](v)
+    if of in (Union, UnionType):
+        return any(_fits(v, part) for part in parts)
+    if of is Literal:
+        return isinstance(v, str) and v in parts
+    if getattr(of, "__name__", "") == "Block":
+        return KINDS[float][1](v) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
+    if getattr(of, "__name__", "") == "ndarray":
+        return _numbers(v, "biufc") and hasattr(v, "__len__")
+    if of in (dict, Mapping):
+        each = v.values() if isinstance(v, dict) and parts[1] not in KINDS else ()  # of a number that is none others say more
+        return hasattr(v, "keys") and all(_fits(w, parts[1]) for w in each)
+    if of in LISTS:
+        if isinstance(v, str | bytes) or not hasattr(v, "__len__" if of is not Iterable else "__iter__"):
+            return False
+        if isinstance(v, Mapping) and of not in (Collection, Iterable):
+            return False
+        if not hasattr(v, "__getitem__"):
+            return of in (Collection, Iterable) and (not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v))
+        if of is tuple and parts and parts[-1] is not ...:
+            return len(v) == len(parts) and all(map(_fits, v, parts))
+        return getattr(v, "ndim", 1) > 0 and (not parts or all(_fits(w, parts[0]) for w in v))
+    if not isinstance(of, type) or (getattr(of, "_is_protocol", False) and not getattr(of, "_is_runtime_protocol", False)):
+        return True
+    plain = issubclass(of, tuple) and isinstance(v, tuple) and len(v) == len(of._fields)  # type: ignore[attr-defined]
+    return plain or isinstance(v, of) or (issubclass(of, Unseen) and _is(v, of.__name__))
+
+
+def _words(hint: Any) -> str:
+    """What a type asks for."""
+    of, parts = get_origin(hint) or hint, get_args(hint)
+    if of in KINDS:
+        return KINDS[of][0]
+    if of in (Union, UnionType):
+        return " or ".join(dict.fromkeys(map(_words, parts)))
+    if of is Literal:
+        return f"one of {', '.join(parts)}"
+    if of in (dict, Mapping):
+        return f"a dict {{name: {_words(parts[1])}}}"
+    if of in LISTS:
+        several = ", ".join("..." if p is ... else _words(p) for p in parts)
+        return LISTS[of].replace("..", several)
+    name = getattr(of, "__name__", str(of))
+    return CLASSES.get(name, f"a {name}")

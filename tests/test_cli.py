@@ -106,7 +106,7 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
         (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "q=2"], "this scene has k, A, level"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "-1"], "sample rate must be a finite number above 0"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"], "give a smaller passband"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds must be finite"),
+        (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds = nan is not finite"),
         (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
         (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "own.py: there is no 'nothing' in it: write"),
         (["render", "missing.py:f"], "cannot read missing.py: No such file"),

@@ -74,6 +74,7 @@ def test_units_follow(make, dim):
         ("Nm", ["use 'N*m'"]),
         ("Ns/m", ["use 'N*s/m'"]),
         ("dB", ["logarithm of a ratio", "10**(dB/20)"]),
+        ("m/s2", ["unknown", "write 'm/s**2'"]),
     ],
 )
 def test_prefixes_and_unknown_units_say_what_to_use(text, words):
@@ -111,7 +112,7 @@ def test_any_text_is_a_unit_or_an_error_of_ours(text):
 
 @pytest.mark.parametrize("text", [None, 3, ["m"], {"m": 1}, unit])
 def test_a_unit_is_a_text(text):
-    with pytest.raises(UnitError, match="a unit is a text"):
+    with pytest.raises(BadValue, match="unit: text = .* must be a text"):
         unit(text)
     with pytest.raises(BadValue):
         Input("q", text)
@@ -350,7 +351,7 @@ def test_a_class_with_an_init_of_its_own():
             self.x = x
 
     for use in (lambda b: Scene({"y": b}), lambda b: b + 1, lambda b: 2 * b):
-        with pytest.raises(SceneError, match="^Mine: decorate it .*, and write no __init__$"):
+        with pytest.raises(SceneError, match="Mine: decorate it .*, and write no __init__$"):
             use(Mine(n))
 
 

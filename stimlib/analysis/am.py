@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 
 def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
@@ -129,6 +129,7 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
     return top / (16 * math.pi * math.sin(a / 4) ** 4)
 
 
+@public
 def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
     """RMS of the stimulus over one bump, averaged over the carrier's phase: A sqrt(<e^2> <c^2>).
 
@@ -159,6 +160,7 @@ def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None 
     return amplitude * math.sqrt(envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5))
 
 
+@public
 def sampled_rms(
     waveform: str, duty: float, amplitude: float, rate: float, freq: float, fs: float, rectify: str | None = "half"
 ) -> float:
@@ -230,6 +232,7 @@ class Lines(NamedTuple):
     amplitude: np.ndarray  # complex: line k is Re(amplitude exp(2 pi i f t)); its size is the peak value
 
 
+@public
 def line_spectrum(
     waveform: str,
     duty: float,

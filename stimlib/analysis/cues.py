@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component
@@ -38,6 +38,7 @@ class Cues(NamedTuple):
     b_fit: float  # N s/m
 
 
+@public
 def cues(
     y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
 ) -> Cues:
@@ -114,6 +115,7 @@ def cues(
     return cues_of(y, fs, v, prominence, window)(f)
 
 
+@public
 def cues_of(
     y: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
 ) -> Callable[[ArrayLike], Cues]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 from ..core import regular
 from ..core.graph import Guard, Input
 from ..core.program import PARAMS, ROOT, Instance, Program
-from ..errors import BadValue, shown
+from ..errors import BadValue, public, shown
 from .layout import LINE, MARGIN, PAD, SMALL, STRIP, TITLE, WIRE, Box, Layout, Level, names_of, width_of
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ class Drawing:
 def draw(scene: Scene | Processor) -> Drawing: ...
 @overload
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
+@public
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
     """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a notebook.
 

@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from ..files.audio import write_frames
 from ..files.sidecar import FileReport
 from ..run.rendering import Rendering
@@ -19,6 +19,7 @@ PEAK = 0.5  # of full scale, -6 dBFS
 FADE = 0.01  # s at both ends, or they would click
 
 
+@public
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     """What a signal has above a frequency, without delay: the signal less a penalised spline through it.
 
@@ -72,6 +73,8 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     if not 0 < cutoff < fs / 2:
         raise BadValue(f"cutoff = {cutoff!r} Hz must be above 0 and below fs/2 = {fs / 2:g} Hz")
     y = np.asarray(y, np.float64)
+    if y.ndim != 1 or not y.size:
+        raise BadValue(f"vibration: y must be a row of numbers, got shape {y.shape}")
     step = max(1, round(fs / cutoff / 6))  # samples between two knots
     if y.size <= ORDER * step:
         return detrend(y)
@@ -94,6 +97,7 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     return y - scale * upfirdn(spline, c, up=step)[spline.size - 1 :][: y.size]
 
 
+@public
 def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF) -> FileReport:
     """Write a copy of one output for ears: the slow part removed, its peak at -6 dBFS, faded at both ends.
 

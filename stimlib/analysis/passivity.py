@@ -9,12 +9,13 @@ import numpy as np
 
 from ..core.response import backward, response
 from ..core.units import unit
-from ..errors import BadValue, SceneError
+from ..errors import BadValue, SceneError, public
 from ..run.processor import Processor
 
 ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  # w T
 
 
+@public
 def needed_damping(response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0) -> float:
     """Damping that a device needs of its own so that a rendered force over position, held between samples, gives no energy.
 
@@ -77,6 +78,7 @@ def needed_damping(response: Callable[[np.ndarray], np.ndarray], fs: float, dela
     return max(0.0, float(np.max(real / (2 * np.sin(ANGLES / 2) ** 2)) / (2 * fs)))
 
 
+@public
 def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], float]:
     """`needed_damping` of each output over each input of a scene that is a force over its position, where it can be told.
 

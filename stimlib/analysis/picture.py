@@ -21,7 +21,7 @@ from ..core import regular
 from ..core.graph import Input, reach
 from ..core.packages import package
 from ..core.scene import Scene
-from ..errors import SinkError, shown
+from ..errors import SinkError, public, shown
 from ..run.rendering import Rendering
 from .listen import CUTOFF, vibration
 
@@ -76,6 +76,7 @@ class Signals(NamedTuple):
         return next((n for n in self.scene.inputs if n in found), None)
 
 
+@public
 def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None) -> None:
     """Draw a rendering: each signal over time; of each output its vibration in close-up, its course over position, its spectrum.
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, positive, same_unit
 from ..core.maths import TINY, fma, where
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .table import lut
 
 
@@ -48,6 +49,7 @@ def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
     return b
 
 
+@public
 def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
     """Force of a motor that lets the skin feel the force p: dF = -(m/B) dp/dt.
 
@@ -111,6 +113,7 @@ class ForceLimit(Map):
         return where(x - x == 0.0, y, x), s
 
 
+@public
 def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
     """Clip a force at the peak force of the motor, on both sides.
 
@@ -195,6 +198,7 @@ class StaticLimit(Block):
         return y, StaticState(fma(p.a, fma(y, y, TINY) - s.m, s.m))
 
 
+@public
 def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
     """Keep the mean square of a force below that of the static force a motor can bear, by a gain that moves slowly.
 
@@ -282,6 +286,7 @@ class SlewLimit(Block):
         return where(finite, y, x), SlewState(where(finite, y, s.y))
 
 
+@public
 def slew_limit(x: Block, rate: float) -> Block:
     """Follow a signal no faster than a rate, such as the fastest change of force that a transmission bears.
 
@@ -338,11 +343,12 @@ class Tally(Block):
         return x, TallyState(s.n + where(x == before, NONE, ONE))
 
 
+@public
 def motor_current(
     force: Block,
     x: Block,
     motor_constant: Block | float,
-    geometry: Geometry | tuple = PLACEHOLDER_GAMMA,
+    geometry: tuple[ArrayLike, ArrayLike] = PLACEHOLDER_GAMMA,
     kind: str = "pchip",
 ) -> Block:
     """Current of a voice coil for a wanted force: I = F/(n B Gamma(x)).

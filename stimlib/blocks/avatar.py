@@ -11,7 +11,7 @@ from ..core.bounds import limits
 from ..core.graph import NONE, ONE, Block, as_block, positive
 from ..core.maths import as_float, floor, where
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .cursor import FRAME
 from .stiffness import check_places
 
@@ -175,10 +175,11 @@ class FrameAvatar(Block):
         return (x, y, since / p.fs, wait), after
 
 
+@public
 def delay_avatar(
-    x,
-    y,
-    force,
+    x: Block | float,
+    y: Block | float,
+    force: Block | float,
     law: str = "streaming",
     contact: Block | float = 1.0,
     per_newton: float = 0.5,
@@ -289,7 +290,8 @@ class Vibration(Block):
         return where(left >= 0.5, 1.0, 0.0), VibrationState(where(left >= 1.0, left - 1.0, 0.0))
 
 
-def vibration(wait, factor: float = 1.0) -> Block:
+@public
+def vibration(wait: Block | float, factor: float = 1.0) -> Block:
     """Drive of a vibration motor: 1 for ``factor`` times the length of each stop of an avatar, in whole ms, else 0.
 
     Parameters

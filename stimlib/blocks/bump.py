@@ -13,7 +13,7 @@ import numpy as np
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, Const, Param, as_block
 from ..core.maths import each, floor, fma, where
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 
 U, INT = np.uint64, np.int64
 
@@ -400,7 +400,10 @@ class TableBump(Bump):
         return y, BumpState(u, 0.0)
 
 
-def bump(u, waveform="square", duty=0.5, sampling: str = "area", contact=1.0) -> Block:
+@public
+def bump(
+    u: Block | float, waveform="square", duty: Block | float = 0.5, sampling: str = "area", contact: Block | float = 1.0
+) -> Block:
     """Bumps on a surface: a unipolar envelope, 0 .. 1, tied to the place of the finger.
 
     With w = frac(u) the envelope e(u) is, on the ridge w < duty,

@@ -16,7 +16,7 @@ from ..core import units as un
 from ..core.graph import NONE, ONE, Block, Const, Param, as_block, in_unit
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.program import lead
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import sinpi
 from .filters import below_half
 from .impedance import with_unit
@@ -161,7 +161,8 @@ class Carrier(Block):
         return CarrierState(phase, wait)
 
 
-def carrier(freq, rectify: str | None = None, phase: float = 0.0, contact=1.0) -> Block:
+@public
+def carrier(freq: Block | float, rectify: str | None = None, phase: float = 0.0, contact: Block | float = 1.0) -> Block:
     """A sinusoid of unit amplitude whose phase is exact for days.
 
     The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns a sample, 1.2e-10 rad in 24 h at 8 kHz.

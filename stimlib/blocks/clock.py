@@ -14,7 +14,7 @@ from ..core.graph import Block, positive
 from ..core.maths import floor, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import sinpi
 from .events import Event
 
@@ -45,6 +45,7 @@ class Time(Block):
         return s.n / p.fs, TimeState(s.n + 1.0)
 
 
+@public
 def elapsed() -> Block:
     """The time since sample 0; inside ``enabled``, that in which the block has run.
 
@@ -94,6 +95,7 @@ class Every(Event):
         return where(floor(k * p.period + 0.5) == n, where(n >= 0.0, 1.0, 0.0), 0.0), s
 
 
+@public
 def every(period: float) -> Block:
     """An event again and again, from sample 0 on, each at the sample nearest to its time.
 
@@ -154,6 +156,7 @@ class At(Event):
         return where(p.samples[i] == n, p.heights[i], 0.0), s
 
 
+@public
 def at(times) -> Block:
     """Events at given times.
 
@@ -227,6 +230,7 @@ class Timeline(Block):
         return fma(w, p.values[i + 1], fma(-w, p.values[i], p.values[i])), s
 
 
+@public
 def timeline(points, kind: str = "linear", unit: str = "") -> Block:
     """A signal given by times and values, such as the course of a trial.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 
 class Stiffness(NamedTuple):
@@ -20,7 +22,8 @@ class Stiffness(NamedTuple):
     phase: np.ndarray  # rad
 
 
-def springpot_stiffness(chi: float, alpha: float, w) -> Stiffness:
+@public
+def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
     """k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
 
     Parameters
@@ -62,6 +65,7 @@ def springpot_stiffness(chi: float, alpha: float, w) -> Stiffness:
     return Stiffness(storage + 1j * loss, storage, loss, size, np.full(w.shape, alpha * math.pi / 2))
 
 
+@public
 def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
     """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1) at the frequency w.
 
@@ -100,7 +104,8 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
     return chi1 * w ** (alpha1 - alpha2)
 
 
-def maxwell_stiffness(k: float, tau: float, w) -> Stiffness:
+@public
+def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
     """Complex stiffness k_C = i w tau k/(1 + i w tau) of a Maxwell arm.
 
     Parameters
@@ -143,7 +148,10 @@ def maxwell_stiffness(k: float, tau: float, w) -> Stiffness:
     return Stiffness(storage + 1j * loss, storage, loss, size, np.arctan2(1.0, x))
 
 
-def relaxation_modulus(t, k0: float = 0.0, arms=(), springpot: tuple[float, float] | None = None) -> np.ndarray:
+@public
+def relaxation_modulus(
+    t: ArrayLike, k0: float = 0.0, arms: Sequence[tuple[float, float]] = (), springpot: tuple[float, float] | None = None
+) -> np.ndarray:
     """Force over displacement after a step: k0 + sum k_i exp(-t/tau_i) + chi t^-alpha/Gamma(1 - alpha).
 
     Parameters
@@ -194,8 +202,13 @@ def relaxation_modulus(t, k0: float = 0.0, arms=(), springpot: tuple[float, floa
     return out
 
 
+@public
 def creep_compliance(
-    t, k0: float | None = None, elements=(), b: float | None = None, springpot: tuple[float, float] | None = None
+    t: ArrayLike,
+    k0: float | None = None,
+    elements: Sequence[tuple[float, float]] = (),
+    b: float | None = None,
+    springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
     """Displacement over force after a step: 1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i + t^alpha/(chi Gamma(1 + alpha)).
 

@@ -8,6 +8,7 @@ chains, and the springpot with ``scheme="l1"``, are exact for that force; ``sche
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,11 +21,11 @@ from ..core.units import unit
 from ..design import exponentials as soe
 from ..design import responses
 from ..design.eights import padded
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .fractional import Springpot
 from .impedance import sampled, with_unit
 from .onset import begun
-from .relaxation import SCRATCH, check_lists, pairs, plain, time_constant
+from .relaxation import SCRATCH, check_lists, plain, time_constant
 from .running import Integrate
 from .springpot import coefficient
 
@@ -95,7 +96,8 @@ class KelvinChain(Block):
         return p.d + np.sum(p.r / z / below, axis=-1)
 
 
-def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None = None) -> Block:
+@public
+def compliance_maxwell(f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None) -> Block:
     """Return the displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.
 
     It flows for as long as the force acts, so there is no steady start: before the first sample there is no force.
@@ -140,7 +142,10 @@ def compliance_maxwell(f: Block, k, b: float | None = None, *, tau: float | None
     return _over(KelvinChain(as_block(f), 1.0, [], [], 1 / tau), k, f)  # type: ignore[arg-type]
 
 
-def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float | None = None, onset: str = "step") -> Block:
+@public
+def compliance_kelvin_voigt(
+    f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None, onset: str = "step"
+) -> Block:
     """Return the displacement of a spring and a damper side by side under a force: k y + b y' = f.
 
     It creeps towards f/k.
@@ -182,8 +187,14 @@ def compliance_kelvin_voigt(f: Block, k, b: float | None = None, *, tau: float |
     return _over(y, k, f)
 
 
+@public
 def compliance_generalized_kelvin_voigt(
-    f: Block, elements, *, k0: float | None = None, b: float | None = None, onset: str = "step"
+    f: Block,
+    elements: Sequence[tuple[Block | float, Block | float]],
+    *,
+    k0: float | None = None,
+    b: float | None = None,
+    onset: str = "step",
 ) -> Block:
     """Return the displacement of a chain under a force: Kelvin-Voigt elements, and a spring and a damper if given.
 
@@ -228,7 +239,6 @@ def compliance_generalized_kelvin_voigt(
     >>> float(y[-1].round(9))  # 1/100 + 1/200 + 1/1000
     0.016
     """
-    elements = pairs("compliance_generalized_kelvin_voigt: elements must be pairs", elements)
     if not elements and k0 is None and b is None:
         raise BadValue("compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b")
     k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
@@ -256,7 +266,10 @@ def _over(y: Block, k, f) -> Block:
 
 
 # The springpot -------------------------------------------------------------------------------------------------------
-def compliance(f: Block, chi, alpha: float, scheme: str = "gl", tol: float = 1e-10, horizon: float = 86400.0) -> Block:
+@public
+def compliance(
+    f: Block, chi: Block | float, alpha: float, scheme: str = "gl", tol: float = 1e-10, horizon: float = 86400.0
+) -> Block:
     """Return the displacement of a springpot under a force, y = I^alpha f / chi: the dual of ``springpot``.
 
     Before the first sample there is no force.  There is no steady start, as a constant force has no steady displacement:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.graph import Block, as_block, positive
 from ..core.maths import where
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .stiffness import Levels, as_levels, check_places, grid, level, levels_of
 
 FRAME = 0.03
@@ -160,9 +160,10 @@ class CursorFrames(Block):
         )
 
 
+@public
 def cursor(
-    x,
-    y,
+    x: Block | float,
+    y: Block | float,
     S: Levels,
     law: str = "reversible",
     contact: Block | float = 1.0,

@@ -11,7 +11,7 @@ from ..core.bounds import limits
 from ..core.graph import NONE, ONE, Block
 from ..core.maths import where
 from ..design import responses
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .onset import begun
 
 
@@ -71,7 +71,8 @@ class Delay(Block):
         return int(p.n)
 
 
-def delay(x, samples: int | None = None, seconds: float | None = None, onset: str = "step") -> Block:
+@public
+def delay(x: Block | float, samples: float | None = None, seconds: float | None = None, onset: str = "step") -> Block:
     """Delay a signal by a whole number of samples.
 
     Parameters

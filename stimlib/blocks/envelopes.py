@@ -11,7 +11,7 @@ import numpy as np
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, as_block, positive
 from ..core.maths import TINY, as_float, flush, fma, where
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import sinpi
 from .clock import at
 from .events import as_event, as_signal, happens
@@ -75,7 +75,8 @@ class Burst(Block):
         return s
 
 
-def burst(start, duration: float, ramp: float = 0.0) -> Block:
+@public
+def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
     """An envelope that is open for a while after each event, with ramps of a raised cosine: times a signal, a burst of it.
 
     Parameters
@@ -190,7 +191,10 @@ class Envelope(Block):
         return s
 
 
-def envelope(gate, attack: float = 0.005, decay: float = 0.05, sustain: float = 1.0, release: float = 0.05) -> Block:
+@public
+def envelope(
+    gate: Block | float, attack: float = 0.005, decay: float = 0.05, sustain: float = 1.0, release: float = 0.05
+) -> Block:
     """Attack, decay, sustain, release: how strong something is while a gate is open, and after.
 
     Parameters

@@ -13,7 +13,7 @@ from ..core import regular
 from ..core.bounds import limits
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .impedance import with_unit
 from .maps import clip, maximum
 from .table import KINDS, OUTSIDE, lut
@@ -107,15 +107,16 @@ def smallest(table, knots: np.ndarray) -> float:
     return float(min(table.step(p, (), x)[0] for x in places))
 
 
+@public
 def equalize(
-    x,
+    x: Block | float,
     displacement,
-    limit=None,
+    limit: Block | float | None = None,
     headroom: str = "clip",
     *,
-    signal=1.0,
-    peak=None,
-    contact=1.0,
+    signal: Block | float = 1.0,
+    peak: Block | float | None = None,
+    contact: Block | float = 1.0,
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:

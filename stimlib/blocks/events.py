@@ -10,7 +10,7 @@ import numpy as np
 from ..core import units as un
 from ..core.graph import NONE, ONE, Abs, Block, Compare, Const, Div, Mul, Neg, Param, as_block, positive, same_unit
 from ..core.maths import floor, where
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .gate import Gate
 from .impedance import with_unit
 
@@ -114,7 +114,8 @@ class Edge(Event):
         return s
 
 
-def rising(x, threshold=0.0) -> Block:
+@public
+def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
     """An event where a signal comes above a threshold.
 
     Parameters
@@ -150,7 +151,8 @@ def rising(x, threshold=0.0) -> Block:
     return Edge(x, in_unit_of(x, threshold), True)
 
 
-def falling(x, threshold=0.0) -> Block:
+@public
+def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
     """An event where a signal comes down to a threshold, or below it; see ``rising``.
 
     Parameters
@@ -250,7 +252,8 @@ class Crossing(Event):
         return s
 
 
-def crossing(x, spacing: float, hysteresis: float = 0.0, split: bool = False) -> Block:
+@public
+def crossing(x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False) -> Block:
     """An event at every line that a position passes: lines at the multiples of a spacing.
 
     Parameters
@@ -306,7 +309,8 @@ class Count(Block):
         return y, Total(y)
 
 
-def count(event) -> Block:
+@public
+def count(event: Block | float) -> Block:
     """How often something has happened: the sum of the heights of all events.
 
     Parameters
@@ -350,7 +354,8 @@ class SampleAndHold(Block):
         return y, Total(y)
 
 
-def sample_and_hold(x, event) -> Block:
+@public
+def sample_and_hold(x: Block | float, event: Block | float) -> Block:
     """What a signal was when something happened last.
 
     Parameters
@@ -424,7 +429,8 @@ class OnceWithin(Event):
         return s
 
 
-def once_within(event, refractory: float) -> Block:
+@public
+def once_within(event: Block | float, refractory: float) -> Block:
     """Events at a distance: after each, none passes for a while.
 
     Parameters

@@ -13,7 +13,7 @@ from ..core.maths import TINY, flush, fma
 from ..core.response import backward
 from ..design import responses
 from ..design.sections import BANDS, KINDS, ORDERS, Sections, designed, from_polynomials, sections
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .onset import begun
 
 
@@ -144,8 +144,9 @@ def _level(y: Filter) -> float:
     return 10 ** (-y.ripple / 20) if y.kind in ("chebyshev1", "elliptic") and y.order % 2 == 0 else 1.0
 
 
+@public
 def lowpass(
-    x,
+    x: Block | float,
     cutoff: float,
     order: int = 2,
     kind: str = "butterworth",
@@ -202,8 +203,9 @@ def lowpass(
     return begun("lowpass", x, onset, lambda u: Filter(u, "lowpass", cutoff, None, order, kind, ripple, attenuation), _level)
 
 
+@public
 def highpass(
-    x,
+    x: Block | float,
     cutoff: float,
     order: int = 2,
     kind: str = "butterworth",
@@ -235,8 +237,9 @@ def highpass(
     return begun("highpass", x, onset, lambda u: Filter(u, "highpass", cutoff, None, order, kind, ripple, attenuation))
 
 
+@public
 def bandpass(
-    x,
+    x: Block | float,
     low: float,
     high: float,
     order: int = 2,
@@ -280,8 +283,9 @@ def bandpass(
     return begun("bandpass", x, onset, lambda u: Filter(u, "bandpass", low, high, order, kind, ripple, attenuation))
 
 
+@public
 def bandstop(
-    x,
+    x: Block | float,
     low: float,
     high: float,
     order: int = 2,
@@ -343,7 +347,8 @@ class Sos(Cascade):
         return (responses.biquads(self.rows),)
 
 
-def sos(x, rows, onset: str = "step") -> Block:
+@public
+def sos(x: Block | float, rows, onset: str = "step") -> Block:
     """Run second-order sections with given numbers, such as those of ``scipy.signal``, which are for one sample rate.
 
     Parameters

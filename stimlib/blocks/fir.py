@@ -15,7 +15,7 @@ from ..core.units import unit
 from ..design import responses
 from ..design.differentiator import differentiator_order, differentiator_taps
 from ..design.minimax import asked_by
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .onset import begun
 
 
@@ -98,6 +98,7 @@ class Taps(Fir):
         return (responses.sum_of(self.taps),)
 
 
+@public
 def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
     """Run a filter with finite impulse response, y[n] = sum_k taps[k] x[n-k].
 
@@ -181,6 +182,7 @@ class Differentiator(Fir):
 RATE = un.Unit((("second", -1.0),))
 
 
+@public
 def differentiator(
     x: Block,
     passband: float | None = None,

@@ -10,7 +10,7 @@ import numpy as np
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, as_block, positive
 from ..core.maths import where
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .impedance import Velocity, step_peak
 
 
@@ -61,7 +61,8 @@ class Hysteresis(Gate):
         return GateParams(self.on, self.off), GateState(0.0)
 
 
-def hysteresis(x, on: float, off: float) -> Block:
+@public
+def hysteresis(x: Block | float, on: float, off: float) -> Block:
     """A gate that noise does not make chatter (a Schmitt trigger): it opens above one threshold and closes at another.
 
     Parameters
@@ -118,6 +119,7 @@ class Loading(Gate):
         return GateParams(on, off), GateState(0.0)
 
 
+@public
 def loading(v: Block, on: float | None = None, off: float | None = None, resolution: float = 1e-6) -> Block:
     """1 during loading (compression increasing), else 0, with two thresholds on the velocity.
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.bounds import limits
-from ..core.graph import Block, Const, as_block, check_arguments
+from ..core.graph import Block, Const, as_block
 from ..core.maths import floor, where
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 
 U = np.uint64
 KINDS = ("linear", "cubic")
@@ -173,7 +173,8 @@ def plain(name: str, v, *axes: Block) -> np.ndarray:
     return np.array([one.value if isinstance(one, Const) else one for one in given])
 
 
-def lut2(x, y, table, spacing, origin=0.0, kind: str = "linear", unit: str = "") -> Grid:
+@public
+def lut2(x: Block | float, y: Block | float, table, spacing, origin=0.0, kind: str = "linear", unit: str = "") -> Grid:
     """A function of two places given by a regular grid of points, and its gradient.
 
     Parameters
@@ -225,7 +226,6 @@ def lut2(x, y, table, spacing, origin=0.0, kind: str = "linear", unit: str = "")
     array([[  800.,   741.],
            [    0., 73567.]])
     """
-    check_arguments(lut2, locals())
     if kind not in KINDS:
         raise BadValue(f"lut2: kind = {kind!r}; choose one of {', '.join(KINDS)}")
     x, y = as_block(x), as_block(y)

@@ -14,7 +14,7 @@ from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .fir import RATE, fir
 from .fractional import Springpot
 from .onset import begun
@@ -77,6 +77,7 @@ class Velocity(Block):
         return 0.5 + 2 * (1 - p.g) / p.g
 
 
+@public
 def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> Block:
     """Estimate the rate of change through two poles.
 
@@ -201,6 +202,7 @@ class FirstOrder(Lag):
         return responses.lag(self.tau), responses.ramp_invariant(self.tau)
 
 
+@public
 def first_order(x: Block, tau: float, onset: str = "step") -> Block:
     """Follow a signal with a first-order lag, 1/(1 + s tau).
 
@@ -246,7 +248,8 @@ def with_unit(v, text: str) -> Block:
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
 
 
-def spring(x: Block, k) -> Block:
+@public
+def spring(x: Block, k: Block | float) -> Block:
     """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of the UGrip paper.
 
     Parameters
@@ -284,7 +287,8 @@ def spring(x: Block, k) -> Block:
     return force
 
 
-def kelvin_voigt(x: Block, k, b, cutoff: float | None = None) -> Block:
+@public
+def kelvin_voigt(x: Block, k: Block | float, b: Block | float, cutoff: float | None = None) -> Block:
     """Return the force of a spring and a damper side by side, F = k x + b v.
 
     It is the mean force over the last sample, exact for motion that is straight between samples: k + i w b, half a

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 from ..core.graph import Block, Map, as_block, constant, design_value, positive
 from ..core.maths import sqrt as root
 from ..core.maths import where as choose
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .maps import exp, maximum, minimum, where
 from .stiffness import check_places
 
 
-def press(level, contact: Block | None = None) -> Block:
+@public
+def press(level: Block | float, contact: Block | None = None) -> Block:
     """Normal force of a pen from the force level that the tablet reports: f = 0.1008 exp(4.2081 level) N.
 
     Parameters
@@ -51,7 +52,8 @@ def press(level, contact: Block | None = None) -> Block:
     return where(level if contact is None else contact, constant(0.1008, "N") * exp(4.2081 * minimum(level, 1.0)), 0.0)
 
 
-def indentation(force, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015) -> Block:
+@public
+def indentation(force: Block | float, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015) -> Block:
     """Depth of an indenter under a force, d = f/k with k from ``softest`` at S = 0 to ``hardest`` at S = 1, at most ``deepest``.
 
     The law and its numbers are ours; the source says that depth follows from pressure and stiffness.
@@ -98,7 +100,8 @@ def indentation(force, S, softest: float = 400.0, hardest: float = 1200.0, deepe
     return minimum(as_block(force) / k, constant(deepest, "m"))
 
 
-def triangle(x, y, side: float = 0.02, turn: float = 0.0) -> list[tuple[Block, Block]]:
+@public
+def triangle(x: Block | float, y: Block | float, side: float = 0.02, turn: float = 0.0) -> list[tuple[Block, Block]]:
     """Places of three indenters on a rigid triangle whose barycentre follows the hand.  Each takes a third of the force.
 
     Parameters
@@ -183,6 +186,7 @@ def above_zero(x):
     return choose(x <= 0.0, 0.0, x)
 
 
+@public
 def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "mean") -> Block:
     """How far a surface is down at some distance from one or more indenters: four ranges of depth with their own neighbourhoods.
 

@@ -9,7 +9,7 @@ from inspect import Parameter, Signature
 from ..core import maths
 from ..core import units as un
 from ..core.graph import Block, Const, Map, as_block, same_unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,8 @@ class Nonzero(Map):
         return maths.where(x == 0.0, 0.0, 1.0), s
 
 
-def where(c, a, b) -> Block:
+@public
+def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
     """a where the condition c > 0, else b; both are computed.
 
     Parameters
@@ -159,10 +160,11 @@ def where(c, a, b) -> Block:
     >>> where(x > 1.0, x, 0.0)
     Where(Greater(..), Input('x'), Const(0.0))
     """
-    return Where(c, a, b)
+    return Where(as_block(c), as_block(a), as_block(b))
 
 
-def clip(x, low, high) -> Block:
+@public
+def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
     """x held between two limits of its unit.
 
     Parameters
@@ -184,7 +186,7 @@ def clip(x, low, high) -> Block:
     >>> str(clip(Input("F", "N"), 0.0, constant(100.0, "N")).dim)
     'N'
     """
-    held = Minimum(Maximum(x, low), high)
+    held = Minimum(Maximum(as_block(x), as_block(low)), as_block(high))
     least, most = as_block(low), as_block(high)
     if isinstance(least, Const) and isinstance(most, Const) and least.value > most.value:
         raise BadValue(f"clip: low = {least.value:g} must not be above high = {most.value:g}; give the lower limit first")
@@ -199,7 +201,8 @@ def _function(cls: type[Map]) -> Callable[..., Block]:
         return cls(*signals, **named)
 
     make.__name__ = make.__qualname__ = name
-    make.__signature__ = Signature([Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD) for f in fields(cls)])  # type: ignore[arg-type,attr-defined]
+    arguments = [Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD, annotation=Block | float) for f in fields(cls)]  # type: ignore[arg-type]
+    make.__signature__ = Signature(arguments)  # type: ignore[attr-defined]
     make.__doc__ = f"""{cls.__doc__}
 
     Examples
@@ -209,7 +212,7 @@ def _function(cls: type[Map]) -> Callable[..., Block]:
     >>> {name}({", ".join(signals).replace("Const(0.5)", "0.5")})
     {cls.__name__}({", ".join(signals)})
     """
-    return make
+    return public(make)
 
 
 maximum, minimum = _function(Maximum), _function(Minimum)

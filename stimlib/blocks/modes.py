@@ -20,6 +20,7 @@ from ..design import responses
 from ..design.eights import padded
 from ..design.minimax import asked_by
 from ..design.pink import pink_modes, stationary_factor
+from ..errors import public
 from .noise import White, noise_key, normals
 
 
@@ -77,6 +78,7 @@ class Pinking(Modes):
         return (responses.pinking(self.f_low, self.tol_db),)
 
 
+@public
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
     """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; before the first sample x was 0.
 
@@ -146,6 +148,7 @@ class PinkNoise(Modes):
         return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)
 
 
+@public
 def pink_noise(
     psd_1hz: float, seed: int, stream: int = 0, f_low: float = 1.0, tol_db: float = 0.01, shared: bool = False
 ) -> Block:

@@ -14,7 +14,7 @@ import numpy as np
 from ..core.graph import NONE, ONE, Block
 from ..core.maths import as_float, bits, copy, fma, pairs, sqrt, unbits, where
 from ..core.program import lead
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 U = np.uint64
 KEY_STEP_0, KEY_STEP_1 = U(0x9E3779B9), U(0xBB67AE85)
@@ -144,6 +144,7 @@ class White(Block):
         return WhiteState(s.key, s.n + U(y.size))
 
 
+@public
 def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
     """Gaussian white noise of unit variance, N(0, 1) per sample, at any sample rate.
 

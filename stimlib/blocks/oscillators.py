@@ -12,7 +12,7 @@ from ..core import units as un
 from ..core.graph import NONE, ONE, Block, Const, Param, as_block, in_unit
 from ..core.maths import as_float, fma, where
 from ..core.program import lead
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .carrier import carrier, fold, increment, phase_word, two_words
 from .events import Event
 from .filters import below_half
@@ -107,7 +107,8 @@ class Oscillator(Block):
         return where(wrong == 0.0, y, wrong), after
 
 
-def oscillator(freq, waveform: str = "sine", duty=0.5, phase: float = 0.0) -> Block:
+@public
+def oscillator(freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0) -> Block:
     """A periodic wave whose phase is exact for days, between -1 and 1.
 
     All but the sine are sampled by area: a sample is the mean over the sample period around it.  Of a sawtooth of 200 Hz at 8 kHz
@@ -200,7 +201,8 @@ class PulseTrain(Event):
         return first + second, TrainState(after, mark, where(s.wait > NONE, s.wait - ONE, NONE))
 
 
-def pulse_train(rate, jitter=0.0) -> Block:
+@public
+def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
     """Events at a rate that may move, each perhaps early or late.
 
     Parameters

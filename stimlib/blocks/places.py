@@ -17,7 +17,7 @@ from ..core.graph import Block, as_block, positive
 from ..core.maths import as_float, each, floor, pairs, sqrt, where
 from ..core.units import unit
 from ..design.octaves import octaves
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import gap, sinpi
 from .noise import noise_key, pair_of_words
 
@@ -214,8 +214,14 @@ class SpatialNoise(Block):
         return SpatialState(last, 0.0)
 
 
+@public
 def spatial_noise(
-    u, slope: float = 1.0, seed: int = 0, shortest: float = 2e-5, longest: float = 0.2, contact: Block | float = 1.0
+    u: Block | float,
+    slope: float = 1.0,
+    seed: int = 0,
+    shortest: float = 2e-5,
+    longest: float = 0.2,
+    contact: Block | float = 1.0,
 ) -> Block:
     """Roughness: noise of spectrum 1/f^slope over place, the same at the same place however the finger comes there.
 
@@ -343,7 +349,8 @@ class Grating(Block):
         return y, GratingState(u, 0.0)
 
 
-def grating(u, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
+@public
+def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
     """Ribs of a surface: sinusoids over place, sum of depth sin(2 pi u/wavelength + phase).
 
     Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the movement, times

@@ -17,7 +17,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.sections import Quadratic, sections
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .filters import Cascade, below_half, cascade
 from .impedance import with_unit
 from .maps import clip
@@ -90,7 +90,8 @@ class Mode(Block):
         return (p.c - p.r) / p.s * p.rise / p.m
 
 
-def mode(x, freq: float, q: float, onset: str = "step") -> Block:
+@public
+def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
     """Drive one mode of something that vibrates, a mass on a spring; its gain is 1 at 0 Hz and q at its resonance.
 
     Exact at every sample rate for an x that is straight between samples, as ``first_order`` is.
@@ -282,7 +283,8 @@ class Shape(Block):
         return s
 
 
-def mode_shape(x, y, c, length: float, width: float) -> Block:
+@public
+def mode_shape(x: Block | float, y: Block | float, c, length: float, width: float) -> Block:
     """How much of a mode is felt at a place: a function of x and y on a rectangle, given by a Legendre series.
 
     Parameters
@@ -360,7 +362,8 @@ class PoleSwap(Cascade):
         return (responses.pole_swap(self.freq, self.q, self.gain),)
 
 
-def pole_swap(x, freq: float, q: float, gain: float, v_max: float | Block | None = None) -> Block:
+@public
+def pole_swap(x: Block | float, freq: float, q: float, gain: float, v_max: float | Block | None = None) -> Block:
     """A drive that makes a resonance answer ``gain`` times as fast: the mode's poles are taken away, and wider ones put there.
 
     A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz for 158 Hz and q = 10.  Behind this
@@ -413,7 +416,8 @@ def pole_swap(x, freq: float, q: float, gain: float, v_max: float | Block | None
     return clip(y, -top, top)
 
 
-def amplifier(x, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0) -> Block:
+@public
+def amplifier(x: Block | float, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0) -> Block:
     """A voltage amplifier: gain x, held between the voltages that the patches take.
 
     Parameters

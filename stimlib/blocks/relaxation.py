@@ -17,6 +17,7 @@ leak of 1e-17 a sample would be lost in one.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -31,7 +32,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.eights import padded
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .fractional import origin
 from .impedance import sampled, spring
 from .maps import Where
@@ -43,12 +44,10 @@ SCRATCH = 512  # words that ``memory`` needs; differences stand behind them
 def check_lists(b: Any, values: np.ndarray, name: str) -> None:
     """Raise BadValue unless a block's two lists have one length and numbers above 0."""
     if values.ndim != 1 or b.tau.shape != values.shape:
-        raise BadValue(
-            f"{type(b).__name__}: {name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}"
-        )
+        raise BadValue(f"{name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}")
     for what, a in ((name, values), ("tau", b.tau)):
         if not np.all(a > 0):
-            raise BadValue(f"{type(b).__name__}.{what}[{int(np.argmin(a > 0))}] = {a[np.argmin(a > 0)]:g} must be above 0")
+            raise BadValue(f"{what}[{int(np.argmin(a > 0))}] = {a[np.argmin(a > 0)]:g} must be above 0")
 
 
 def number(v) -> float | None:
@@ -143,7 +142,16 @@ class MaxwellArms(Block):
         return float(np.sum(damping * late) / np.sum(damping))
 
 
-def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, onset: str = "steady", contact=None) -> Block:
+@public
+def maxwell(
+    y: Block,
+    k: Block | float,
+    b: float | None = None,
+    *,
+    tau: float | None = None,
+    onset: str = "steady",
+    contact: Block | float | None = None,
+) -> Block:
     """Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.  The force of a held position decays with tau = b/k.
 
     Exact for positions that are straight between samples, for any tau: much faster than a sample it is a damper, much slower
@@ -193,18 +201,15 @@ def maxwell(y: Block, k, b: float | None = None, *, tau: float | None = None, on
     return generalized_maxwell(y, 0.0, [(k, time_constant("maxwell", k, b, tau))], onset=onset, contact=contact)
 
 
-def pairs(rule: str, given: Any) -> list[tuple[Any, ...]]:
-    """Return stiffnesses with their time constants; BadValue, which begins with the rule, where there are no pairs."""
-    try:
-        found = [tuple(p) for p in given]
-    except TypeError:
-        found = [()]
-    if any(len(p) != 2 for p in found):
-        raise BadValue(f"{rule} (stiffness in N/m, time constant in s), such as [(100.0, 0.1)]; got {given!r:.80}")
-    return found
-
-
-def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=None) -> Block:
+@public
+def generalized_maxwell(
+    y: Block,
+    k0: Block | float,
+    arms: Sequence[tuple[Block | float, Block | float]],
+    *,
+    onset: str = "steady",
+    contact: Block | float | None = None,
+) -> Block:
     """A spring and any number of Maxwell arms side by side.  All arms with plain numbers run as one bank.
 
     Parameters
@@ -247,7 +252,7 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=No
     >>> f[[1, 100, -1]].round(3)
     array([1.776, 1.272, 1.   ])
     """
-    y, arms = as_block(y), pairs("generalized_maxwell: arms must be at least one pair", arms)
+    y, arms = as_block(y), [(k, tau) for k, tau in arms]
     touch = as_block(1.0 if contact is None else contact)
     if not arms:
         raise BadValue("generalized_maxwell: arms must be at least one pair (stiffness in N/m, time constant in s)")
@@ -266,7 +271,10 @@ def generalized_maxwell(y: Block, k0, arms, *, onset: str = "steady", contact=No
     return (rest if contact is None else Where(touch, rest, as_block(0.0))) + force
 
 
-def standard_linear_solid(y: Block, k0, k1, tau: float, *, onset: str = "steady", contact=None) -> Block:
+@public
+def standard_linear_solid(
+    y: Block, k0: Block | float, k1: Block | float, tau: float, *, onset: str = "steady", contact: Block | float | None = None
+) -> Block:
     """A spring beside one Maxwell arm: stiffness k0 + k1 at first, k0 in the end.
 
     Parameters

@@ -13,7 +13,7 @@ from ..core.graph import Block, as_block
 from ..core.maths import TINY, flush, fma, where
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .events import as_signal
 from .fir import Fir, line
 from .impedance import Lag, LagParams, LagState, sampled
@@ -48,7 +48,8 @@ class Integrate(Lag):
         return (responses.running_sum() if self.held else responses.integral(self.leak),)
 
 
-def integrate(x, leak: float = 0.0, onset: str = "step") -> Block:
+@public
+def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
     """Integrate over time, exactly for a signal that is straight between its samples, from sample 0 on.
 
     The sum has a second word, so after hours it is as exact as at first.
@@ -106,7 +107,8 @@ class MovingAverage(Fir):
         return (responses.mean_of(round(self.seconds * fs)),)
 
 
-def moving_average(x, seconds: float, onset: str = "step") -> Block:
+@public
+def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
     """Average over the last seconds, rounded to whole samples.
 
     It is a FIR filter with equal taps: nothing adds up over time, and its cost grows with the number of samples (30 ns for 800).
@@ -173,7 +175,8 @@ class Follower(Block):
         return flush(y), FollowerState(y)
 
 
-def envelope_follower(x, attack: float = 0.001, release: float = 0.05) -> Block:
+@public
+def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
     """Level of a vibration: it rises to \\|x\\| with one time constant and falls with another.
 
     Parameters

@@ -13,7 +13,7 @@ from ..core.graph import Block, as_block, positive
 from ..core.maths import fir, fma, memory, where
 from ..core.response import backward
 from ..design import responses
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .fractional import DIFFERENCES, WORK, Springpot, begin, check_fields, force_unit, transfer
 
 
@@ -112,6 +112,7 @@ class Series(Block):
         return pot * other / (pot + other)
 
 
+@public
 def springpot_series(
     y: Block,
     chi: float,

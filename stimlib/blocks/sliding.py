@@ -12,10 +12,10 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..core.graph import Block, Const, Param, as_block, check_arguments, positive
+from ..core.graph import Block, Const, Param, as_block, positive
 from ..core.maths import TINY, exp, floor, where
 from ..core.response import backward
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .impedance import with_unit
 
 LAWS = ("elastoplastic", "coulomb", "dahl", "lugre")
@@ -328,11 +328,12 @@ class StickSlip(Friction):
         return k * where(sticks > 0.0, mean, none), FrictionState(x, after, k, 0.0)
 
 
+@public
 def friction(
     x: Block,
-    normal,
-    mu=0.6,
-    stiffness=1000.0,
+    normal: Block | float,
+    mu: Block | float = 0.6,
+    stiffness: Block | float = 1000.0,
     law: str = "elastoplastic",
     *,
     elastic: float = 0.7,
@@ -341,7 +342,7 @@ def friction(
     damping: float = 0.0,
     viscosity: float = 0.0,
     passive: bool = True,
-    contact=1.0,
+    contact: Block | float = 1.0,
 ) -> Block:
     """Dry friction that sticks, from the position alone: the mean force over the straight way since the last sample.
 
@@ -418,7 +419,6 @@ def friction(
     >>> proc.process(1e-3 * np.array([[0.0, 0.2, 0.4, 1.0, 2.0, 1.9]])).round(3)  # 0.5 mm stick
     array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
     """
-    check_arguments(friction, locals())
     if law not in LAWS:
         raise BadValue(f"friction: law = {law!r}; choose one of {', '.join(LAWS)}")
     if law != "lugre" and (damping or viscosity):
@@ -453,7 +453,15 @@ def _ratio(mu: Block, static: float) -> float:
     return static / mu.value
 
 
-def stick_slip(x: Block, normal, static=0.8, kinetic: float = 0.5, stiffness=1000.0, contact=1.0) -> Block:
+@public
+def stick_slip(
+    x: Block,
+    normal: Block | float,
+    static: Block | float = 0.8,
+    kinetic: float = 0.5,
+    stiffness: Block | float = 1000.0,
+    contact: Block | float = 1.0,
+) -> Block:
     """Sticks like a spring up to static normal, then slips to a part of it, again and again: a sawtooth of force over place.
 
     The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at speed v that is a vibration with v over
@@ -502,7 +510,6 @@ def stick_slip(x: Block, normal, static=0.8, kinetic: float = 0.5, stiffness=100
     >>> proc.process(1e-3 * np.array([[0.0, 0.4, 0.8, 1.0, 1.2, 5.2]])).round(3)  # teeth of 0.4 mm
     array([[0. , 0.2, 0.6, 0.5, 0.7, 0.6]])
     """
-    check_arguments(stick_slip, locals())
     normal = amount("stick_slip", "normal", normal, "N", why=": it presses the surfaces together")
     top = amount("stick_slip", "static", static, "", zero=False)
     if not isinstance(top, Const):

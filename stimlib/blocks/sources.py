@@ -16,7 +16,7 @@ from ..core.maths import as_float, exp, floor, fma, where
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import HALF, resampled
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import sinpi
 from .carrier import two_words
 from .clock import Time
@@ -86,6 +86,7 @@ class Chirp(Block):
         return where(n >= 0.0, where(n < p.n, y, 0.0), 0.0), s
 
 
+@public
 def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
     """A sine whose frequency sweeps, from sample 0 on; then 0.
 
@@ -219,7 +220,8 @@ class Scanned(Block):
         return where(t - t == 0.0, where(inside > 0.0, y, 0.0), t - t), s
 
 
-def playback(samples, rate: float, loop: bool = False, unit: str = "", at=None) -> Block:
+@public
+def playback(samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None) -> Block:
     """A recording, from sample 0 on or as fast as you like; at another sample rate it is interpolated with a band limit.
 
     What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of it is gone.  ``grain`` plays a recording
@@ -306,6 +308,7 @@ class BandNoise(Cascade):
         return (responses.band_noise(self.low, self.high, self.psd, self.order),)
 
 
+@public
 def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, order: int = 4, shared: bool = False) -> Block:
     """Noise between two frequencies, with a level that no sample rate changes.
 

@@ -9,7 +9,7 @@ from ..core import units as un
 from ..core.graph import Block, Const, Map, as_block
 from ..core.maths import where
 from ..design import exponentials as soe
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .fractional import METHODS, Accuracy, PathLength, Springpot, SpringpotLive
 from .thesis import Downsampled, ShortMemory
 
@@ -27,10 +27,11 @@ class NotBelowZero(Map):
         return where(x >= 0.0, x, NAN), s
 
 
+@public
 def springpot(
-    y,
-    chi,
-    alpha,
+    y: Block | float,
+    chi: Block | float,
+    alpha: Block | float,
     scheme: str = "gl",
     tol: float = 1e-10,
     horizon: float = 86400.0,

@@ -10,7 +10,7 @@ from ..core import bounds
 from ..core.graph import Block, as_block, constant, design_value
 from ..core.maths import where
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .grid import CubicGrid, GridParams, bicubic, lut2
 from .maps import clip
 
@@ -80,7 +80,8 @@ def check_places(name: str, *u: Any) -> None:
         raise UnitError(f"{name} takes places in m, not {', '.join(f'[{v}]' for v in u)}")
 
 
-def stiffness_map(x, y, S: Levels) -> Block:
+@public
+def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
     """Stiffness level of a soft object at a place: a cubic spline through a table, held at its edges and between 0 and 1.
 
     Parameters

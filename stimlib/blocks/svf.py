@@ -14,7 +14,7 @@ from ..core.graph import Block, Const, Param, as_block, in_unit, positive
 from ..core.maths import TINY, flush, fma, where
 from ..design import responses
 from ..design.sections import sections
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .bump import regular, sinpi
 from .filters import Cascade, CascadeParams, CascadeState, below_half, cascade
 from .impedance import with_unit
@@ -60,7 +60,8 @@ class Resonator(Cascade):
         return (responses.resonance(self.freq, self.q, self.notched),)
 
 
-def resonator(x, freq: float, q: float, onset: str = "step") -> Block:
+@public
+def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
     """Pass what is near a frequency, with gain 1 there: a mode that rings.
 
     Parameters
@@ -113,7 +114,8 @@ def resonator(x, freq: float, q: float, onset: str = "step") -> Block:
     return begun("resonator", x, onset, lambda u: Resonator(u, freq, q, False))
 
 
-def notch(x, freq: float, q: float, onset: str = "step") -> Block:
+@public
+def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
     """Take away one frequency, such as a hum.
 
     Parameters
@@ -252,7 +254,10 @@ class Svf(Block):
         return s
 
 
-def svf(x, cutoff, q=0.5**0.5, mode: str = "lowpass", onset: str = "step") -> Block:
+@public
+def svf(
+    x: Block | float, cutoff: Block | float, q: Block | float = 0.5**0.5, mode: str = "lowpass", onset: str = "step"
+) -> Block:
     """Filter with two poles whose frequency and quality may move at every sample, without a click.
 
     It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q move.  See the notes.

@@ -13,7 +13,7 @@ import numpy as np
 from ..core.graph import Block, as_block
 from ..core.maths import fma, search, where
 from ..core.units import unit
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 KINDS = ("linear", "pchip", "cubic", "polynomial")
 MOST = 8  # knots of a polynomial
@@ -158,7 +158,8 @@ def check_points(b: Lut | Polynomial) -> None:
         raise BadValue(f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or use kind='cubic'")
 
 
-def lut(x, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:
+@public
+def lut(x: Block | float, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:
     """A function of x given by points.
 
     Parameters

@@ -16,7 +16,7 @@ from ..core.graph import Block, Const
 from ..core.maths import TINY, each, floor, flush, fma, sqrt, where
 from ..core.units import unit
 from ..design.texture import TAPS, TextureModel, upsampler
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .bump import sinpi
 from .impedance import with_unit
 from .noise import white_noise
@@ -229,7 +229,10 @@ class Texture(Block):
         return TextureState(s.v, s.y, s.out, n)
 
 
-def texture(speed, force, model: TextureModel, seed: int, stream: int = 0, shared: bool = False) -> Block:
+@public
+def texture(
+    speed: Block | float, force: Block | float, model: TextureModel, seed: int, stream: int = 0, shared: bool = False
+) -> Block:
     """Vibration of a measured surface, as an accelerometer on the tool felt it.
 
     At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds speed and force is found, the line

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ..core.graph import Block, as_block, check_arguments, positive
+from ..core.graph import Block, as_block, positive
 from ..core.maths import floor, where
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .bump import gap, sinpi
 from .impedance import with_unit
 from .sliding import PlaceState, amount, averaging, held
@@ -36,7 +36,7 @@ def not_too_small(owner: Block, *names: str) -> None:
     positive(owner, *names)
     for name in names:
         if not math.isfinite(1 / getattr(owner, name)):
-            raise BadValue(f"{type(owner).__name__}.{name} = {getattr(owner, name):g} is too small to divide by; check the unit")
+            raise BadValue(f"{name} = {getattr(owner, name):g} is too small to divide by; check the unit")
 
 
 # Walls ---------------------------------------------------------------------------------------------------------------
@@ -87,7 +87,15 @@ class Wall(Over):
         return where(high > a, y, where(high > free, K * high + w, now - now)), PlaceState(x, 0.0)
 
 
-def wall(x: Block, k=1000.0, b=0.0, at=0.0, hunt_crossley=0.0, contact=1.0) -> Block:
+@public
+def wall(
+    x: Block,
+    k: Block | float = 1000.0,
+    b: Block | float = 0.0,
+    at: Block | float = 0.0,
+    hunt_crossley: Block | float = 0.0,
+    contact: Block | float = 1.0,
+) -> Block:
     """A wall beyond a place: a spring and a damper that push, and never pull.
 
     With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else 0; each sample is the exact mean over its
@@ -188,7 +196,8 @@ class Detents(Over):
         return depth * sine_of_half_turns(last + u) * averaged(u - last), PlaceState(x, 0.0)
 
 
-def detents(x: Block, spacing: float, depth=1.0, contact=1.0) -> Block:
+@public
+def detents(x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0) -> Block:
     """Detents, regular places into which a hand is drawn: F = depth sin(2 pi x/spacing).
 
     It rests at the multiples of the spacing. Each sample is the exact mean over its way, however far that is, so the detents
@@ -297,7 +306,15 @@ class Button(Over):
         return (peak * (pushed / p.at - p.drop * share), now), ButtonState(x, now, 0.0)
 
 
-def button(x: Block, peak=2.0, drop: float = 0.4, at: float = 1e-3, back: float | None = None, contact=1.0) -> Any:
+@public
+def button(
+    x: Block,
+    peak: Block | float = 2.0,
+    drop: float = 0.4,
+    at: float = 1e-3,
+    back: float | None = None,
+    contact: Block | float = 1.0,
+) -> Any:
     """A button with a snap: its force rises along a line, falls at the snap, goes on, and comes back later on the way up.
 
     F = peak (x/at - drop q) for x > 0: q becomes 1 where x reaches ``at``, with the force at its peak, and 0 again where x falls
@@ -346,6 +363,5 @@ def button(x: Block, peak=2.0, drop: float = 0.4, at: float = 1e-3, back: float 
     array([[0. , 0.5, 1.5, 2. , 1.4, 1.1],
            [0. , 0. , 1. , 1. , 1. , 0. ]])
     """
-    check_arguments(button, locals())
     peak = amount("button", "peak", peak, "N")
     return Button(as_block(x), peak, as_block(contact), at, 0.8 * at if back is None else back, drop)

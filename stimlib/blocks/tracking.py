@@ -10,7 +10,7 @@ from ..core.graph import Block, as_block, positive
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..design import responses
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .fir import RATE
 
 
@@ -131,6 +131,7 @@ class TrackVelocity(Tracker):
         return lag(p) + 0.5  # of the difference
 
 
+@public
 def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
     """Position that follows slow, jittered reports smoothly and causally.
 
@@ -197,6 +198,7 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
     return Track(x, as_block(contact), bandwidth, max_jump)
 
 
+@public
 def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
     """Rate of change of ``track`` with the same arguments.
 

@@ -14,7 +14,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import resampled
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .bump import regular, sinpi
 from .events import as_event, happens
 from .filters import below_half
@@ -125,7 +125,8 @@ class Ring(Block):
         return s
 
 
-def ring(event, freq, decay, onset: str = "sine") -> Block:
+@public
+def ring(event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine") -> Block:
     """A decaying sinusoid at each event, any number at once: a click, a tap, a struck mode.
 
     Parameters
@@ -236,7 +237,8 @@ class Grain(Block):
         return np.polyval(p.shape[::-1], 1 / z)
 
 
-def grain(event, samples, rate: float, unit: str = "") -> Block:
+@public
+def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
     """A recorded transient at each event, any number at once.
 
     Parameters

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import BadValue
-from ..motion.source import Motion, positions, sources_of
+from ..errors import BadValue, public
+from ..motion.source import positions, sources_of
+from ..run.given import length
 from ..run.processor import Processor, compile
 
 
@@ -45,9 +46,10 @@ class Agreement:
         return f"{errors} of max given the same gates; {self.differences} of {self.decisions} decisions differ"
 
 
+@public
 def agreement(
     scene: Scene,
-    motion: Motion,
+    motion: Mapping[str, Any],
     fs: float,
     *,
     n: int | None = None,
@@ -102,7 +104,7 @@ def agreement(
     proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
-    size = n if n is not None else min((len(v) for v in motion.values() if not callable(v)), default=0)
+    size = n if n is not None else min((length(v) or 0 for v in motion.values() if not callable(v)), default=0)
     if size < 1:
         raise BadValue("agreement: nothing tells how long the run is, or it has no sample: give n, at least 1")
     x = positions(sources_of({i: motion[i] for i in proc.inputs if i in motion}, proc.inputs, size), 0, size, proc.fs)

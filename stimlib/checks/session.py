@@ -10,7 +10,7 @@ import numpy as np
 from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, public
 from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..files.session import MotionFile, SessionLog
 from ..run.safety import GAIN, Watch, protect, to_device
@@ -23,6 +23,7 @@ from .scenes import scene_law
 from .verify import limits_kept, linear_blocks, same_samples
 
 
+@public
 def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     """Prove the delivered samples of a session from its log.
 

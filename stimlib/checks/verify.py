@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.graph import Block, Const, Input, pack, signals, type_name
 from ..core.scene import Scene
-from ..errors import BadValue, shown
+from ..errors import BadValue, public, shown
 from ..files.audio import read
 from ..files.formats import stored
 from ..files.sidecar import told
@@ -37,6 +37,7 @@ STRETCH = 512  # samples that the interpreter makes again
 def verify(scene: str | os.PathLike[str], /) -> Report: ...
 @overload
 def verify(scene: Scene | None, motion: Mapping[str, Any] | None, rendering: Rendering | str | os.PathLike[str]) -> Report: ...
+@public
 def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
     """Prove a rendering, or a file written by the file sink, against its scene and motion; or a file by what its sidecar tells.
 

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..errors import public
 from . import fields
 from .graph import Block, reach, type_name
 from .parts import OWN
 
+if TYPE_CHECKING:
+    from .scene import Scene
+
 TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text}))
 
 
-def definitions(scene: Any) -> dict[str, dict[str, str]]:
+@public
+def definitions(scene: Scene) -> dict[str, dict[str, str]]:
     """The files that define a scene's own blocks and laws, as they were when Python read them.
 
     Parameters

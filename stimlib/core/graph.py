@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, UnitError, place
+from ..errors import BadValue, SceneError, StimlibError, UnitError, place, public
 from . import units as un
 from .maths import where
 from .operators import NUMBERS, Refusals, functions, no_numpy, power
@@ -99,7 +99,7 @@ class Block(Refusals):
             value = (
                 (value if cls is Pick else as_block(value))
                 if f.name in signals(cls)
-                else design_value(f"{cls.__name__}.{f.name}", f.type, value, cls.live)
+                else design_value(f"{head(cls)}{f.name}", f.type, value, cls.live)
             )
             object.__setattr__(self, f.name, value)
         self.check()
@@ -245,6 +245,11 @@ def type_name(cls: type[Block]) -> str:
     return cls.__name__ if cls.__module__.split(".")[0] == "stimlib" else f"{cls.__module__}.{cls.__qualname__}"
 
 
+def head(cls: type[Block]) -> str:
+    """Return how errors of a class begin: of stimlib's the public function that makes it says its own name."""
+    return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
+
+
 def undecorated(cls: type) -> SceneError:
     """The error of a class whose fields were not made into blocks and design numbers."""
     return SceneError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__")
@@ -320,23 +325,12 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
     return v
 
 
-def check_arguments(make: Callable, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a function, ``locals()`` at its start; BadValue unless they are as their annotations ask for.
-
-    Signals, whose annotation names ``Block``, are left to ``as_block``.
-    """
-    for name, p in inspect.signature(make).parameters.items():
-        if p.annotation is not p.empty and "Block" not in p.annotation:
-            design_value(f"{make.__name__}: {name}", p.annotation, values[name])
-    return dict(values)
-
-
 def positive(owner: Block, *names: str) -> None:
     """Raise BadValue unless these design numbers are above zero."""
     for name in names:
         v = getattr(owner, name)
         if isinstance(v, str) or not v > 0:
-            raise BadValue(f"{type(owner).__name__}.{name} = {v!r} must be above 0")
+            raise BadValue(f"{head(type(owner))}{name} = {v!r} must be above 0")
 
 
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
@@ -398,6 +392,7 @@ class Const(Block):
         return unit(self.unit)
 
 
+@public
 def constant(value: float, unit: str = "") -> Const:
     """A number with a unit, such as the paper's sample period ``constant(1 / 8000, "s")``.
 
@@ -697,6 +692,7 @@ class Enabled(Subsystem):
             )
 
 
+@public
 def enabled(block: Block, by: Block) -> Block:
     """Run a block only at the samples where a condition holds (an *enabled subsystem*).
 
@@ -777,6 +773,7 @@ class Segment(Subsystem):
         return f" in segment({by.begin}, {by.duration}{'' if self.seed is None else f', seed={self.seed}'})"
 
 
+@public
 def segment(block: Block, start: float, duration: float | None = None, seed: int | None = None) -> Segment:
     """Run a block in one stretch of time only, from its own sample 0 on, as if it were rendered alone.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .graph import Block, Const, as_block, design_value
 from .units import Unit, unit
 
@@ -59,6 +59,7 @@ class Tap(Block):
         return u[1]
 
 
+@public
 def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     """A signal that uses its own value of one sample ago: y[n] = f(y[n-1], other signals).
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue, SceneError
+from ..errors import BadValue, SceneError, outside
 from . import steps
 from . import units as un
 from .bounds import limits
@@ -430,6 +430,6 @@ def warn_beyond(program: Program, fs: float, frames: int) -> None:
                 f"{q.block!r}: the run of {frames / fs:g} s is longer than horizon = {horizon:g} s, up to which its "
                 "tolerance holds; beyond, the error grows: give a longer horizon",
                 RuntimeWarning,
-                stacklevel=3,
+                stacklevel=outside(),
             )
             return

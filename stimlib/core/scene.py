@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError, SceneFileError, StimlibError, UnknownName
+from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public
 from . import regular
 from .bounds import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
@@ -22,6 +22,7 @@ from .program import Program, lower
 VERSION = 2
 
 
+@public
 class Scene:
     """Named outputs of a graph: what a researcher writes, saves, compiles and shares.
 
@@ -349,6 +350,7 @@ class Scene:
         regular.publish(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", SceneFileError)
 
 
+@public
 def load(path: str | os.PathLike) -> Scene:
     """Read a scene that ``Scene.save`` wrote.  The file is data: nothing in it is executed.
 

@@ -6,7 +6,7 @@ import math
 import re
 from functools import cache, lru_cache
 
-from ..errors import UnitError
+from ..errors import UnitError, public
 
 _SHOWN = (
     "m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "N*m", "W", "N/A", "N**2", "m**2", "s/m",
@@ -94,6 +94,7 @@ def _registry():
     return pint.UnitRegistry()
 
 
+@public
 def unit(text: str) -> Unit:
     """Parse the name of a coherent SI unit.
 
@@ -135,11 +136,15 @@ def _parsed(text: str) -> Unit:
         factor = float(base.magnitude)
         powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
     except Exception as e:  # pint computes the text as a formula: any error may come, a division by 0 too
-        raise UnitError(f"unknown unit {text!r}: use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
+        powers_written = re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)
+        hint = f"write {powers_written!r}, or " if powers_written != text else ""
+        raise UnitError(f"unknown unit {text!r}: {hint}use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
     if not math.isfinite(factor) or any(not math.isfinite(p) for _, p in powers):
         raise UnitError(f"unit {text!r} is not a finite product of SI names")
     if abs(factor - 1.0) > 1e-12:
         plain = Unit(powers)
+        if "dB" in text or "decibel" in text:
+            raise UnitError(f"unit {text!r} is a level, not a unit: give 10**(dB/20) times the reference, in its unit")
         raise UnitError(
             f"unit {text!r} is {factor:g} {plain}: inside stimlib everything is coherent SI without prefixes; "
             f"use {str(plain)!r} and multiply your numbers by {factor:g}"

@@ -10,9 +10,10 @@ from __future__ import annotations
 import dataclasses as dc
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.bounds import limits
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .resample import PIECE
 
 TAPS, BETA = 12, 6.0  # of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to 0.35
@@ -302,7 +303,10 @@ def upsampler(times: int) -> np.ndarray:
     return h
 
 
-def made_up(pairs: int = 3, speeds=(0.0, 0.02, 0.06, 0.15), forces=(0.0, 0.3, 1.0, 2.5), rate: float = 1000.0) -> TextureModel:
+@public
+def made_up(
+    pairs: int = 3, speeds: ArrayLike = (0.0, 0.02, 0.06, 0.15), forces: ArrayLike = (0.0, 0.3, 1.0, 2.5), rate: float = 1000.0
+) -> TextureModel:
     """An invented texture, for tests, examples and the scene: no surface was measured.
 
     Its resonances rise with the speed and widen with the force; its variance is their product.
@@ -320,6 +324,8 @@ def made_up(pairs: int = 3, speeds=(0.0, 0.02, 0.06, 0.15), forces=(0.0, 0.3, 1.
     --------
     See ``TextureModel``.
     """
+    if pairs < 1 or any(np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)):
+        raise BadValue(f"made_up: pairs = {pairs} must be at least 1, and speeds and forces lists of two numbers or more")
     speed, force = (v.ravel() for v in np.meshgrid(speeds, forces, indexing="ij"))
     x, y = speed / speed.max(), force / force.max()
     k = np.arange(pairs)
@@ -331,7 +337,7 @@ def made_up(pairs: int = 3, speeds=(0.0, 0.02, 0.06, 0.15), forces=(0.0, 0.3, 1.
     low = rate / 2 * (k + 0.5 + 0.4 * x[:, None]) / (pairs + 0.5)
     poles = rows(low, 0.95 - 0.15 * y[:, None] - 0.05 * k)
     zeros = rows(low[:, 1:] - rate / 4 / (pairs + 0.5), np.full((speed.size, pairs - 1), 0.7))
-    n = len(forces)
-    cells = [i * n + j for i in range(len(speeds) - 1) for j in range(n - 1)]
+    n = np.size(forces)
+    cells = [i * n + j for i in range(np.size(speeds) - 1) for j in range(n - 1)]
     triangles = [t for c in cells for t in ((c, c + n, c + n + 1), (c, c + 1, c + n + 1))]  # turning both ways
     return TextureModel(speed, force, np.array(triangles), poles, zeros, 4.0 * x * y, np.ones(x.size), rate, "made up", 0.3)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core import regular
 from ..core.bounds import limits
-from ..errors import BadValue, shown
+from ..errors import BadValue, public, shown
 from .texture import TextureModel
 
 LONGEST = 200  # letters of a name
@@ -87,6 +87,7 @@ class _Reader:
         return value
 
 
+@public
 def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     """A measured texture from a file of the Penn Haptic Texture Toolkit, or one that ``save_texture`` wrote.
 
@@ -165,6 +166,7 @@ def _model(r: _Reader) -> TextureModel:
     )
 
 
+@public
 def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
     """Write a measured texture in the form that ``load_texture`` reads; the file appears whole or not at all.
 

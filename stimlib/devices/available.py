@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..errors import SinkError
+from ..errors import SinkError, public
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Device:
     how: str
 
 
+@public
 def devices(server: str | None = None) -> list[Device]:
     """All devices, ready or not.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, public
 from ..files.replay import delivered
 from ..files.session import read_log
 from ..run.safety import Safety
@@ -152,6 +152,7 @@ class Capture:
         self.client.close()
 
 
+@public
 def loopback(
     scene: Scene,
     safety: Safety | float,

@@ -14,7 +14,7 @@ from ..blocks.sources import chirp
 from ..core import regular
 from ..core.graph import Input, constant
 from ..core.scene import Scene
-from ..errors import BadValue, RecordingError
+from ..errors import BadValue, RecordingError, public
 from ..motion.table import read_table
 from ..plate.identify import Sweep, check_taken, read_sweep
 from ..run.safety import Safety
@@ -46,6 +46,7 @@ class _Kept:
         """It stays."""
 
 
+@public
 def record_sweep(
     sink: Callable[..., Any],
     full_scale: float,

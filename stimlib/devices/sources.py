@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from ..motion.source import check_names, positions, sources_of
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Recorded:
     """A recording: column i is the motion of sample i, whatever the device loses.
@@ -37,6 +38,7 @@ class Recorded:
         object.__setattr__(self, "x", x)
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Scripted:
     """A source that follows functions of time, computed a little ahead by an ordinary thread.
@@ -50,6 +52,7 @@ class Scripted:
     motion: Mapping[str, Any]
 
 
+@public
 @dataclass(frozen=True)
 class Live:
     """Columns that ``Sink.push`` is given while it plays, such as a tracker's.
@@ -70,6 +73,7 @@ class Live:
             raise BadValue(f"Live: keep = {self.keep} s must be above 0, at most 1")
 
 
+@public
 @dataclass(frozen=True)
 class Signal:
     """An audio input as a position: scale * sample + offset.
@@ -94,6 +98,7 @@ class Signal:
                 raise BadValue(f"Signal: {name} = {getattr(self, name)} must be finite")
 
 
+@public
 @dataclass(frozen=True, eq=False)
 class Signals:
     """Motion from the inputs of the device itself, one ``Signal`` for each input of the scene."""

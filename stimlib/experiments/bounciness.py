@@ -15,7 +15,7 @@ import numpy as np
 
 from ..analysis.cues import Cues, cues
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, public
 from ..motion.generators import sinusoid
 from ..run.rendering import render
 from ..run.safety import Safety
@@ -41,6 +41,7 @@ PAIRS = {f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.va
 HAND = {"y": sinusoid(0.01, 1.0)}  # of a simulated hand that follows the reference; its amplitude is ours
 
 
+@public
 def bounciness() -> Experiment:
     """The experiment: one interval, which of the two known materials was it?
 
@@ -88,6 +89,7 @@ def bounciness() -> Experiment:
     )
 
 
+@public
 def pair_of(participant: str, session: int) -> str:
     """The condition of a session: table 3.1 has the reference, the Latin letter the order of its comparisons.
 
@@ -132,6 +134,7 @@ JNDS = {
 }  # 0.1452 alpha - 0.0012, section 3.9; of a spring: ours, from fig. 3.6
 
 
+@public
 @cache
 def phase(alpha: float) -> float:
     """By how much the rendered force of a material leads displacement, in rad; alpha pi/2 once it has forgotten its beginning.
@@ -147,6 +150,7 @@ def phase(alpha: float) -> float:
     return cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0).phi
 
 
+@public
 def person(felt: Callable[[float], float] = phase) -> Observer:
     """Somebody who knows both materials of a session, and feels the phase with an error of the JND that the thesis found.
 
@@ -194,6 +198,7 @@ class Jnds:
     line: Line
 
 
+@public
 def jnds(answers: Columns) -> Jnds:
     """d' of each pair, the just-noticeable difference of each reference, and its line.
 
@@ -281,6 +286,7 @@ class Explained:
     left_out: int = 0
 
 
+@public
 def explained(trials: Columns) -> Explained:
     """Which physical cue explains the answers: for each session and cue a probit model, and its distance over the session's d'.
 
@@ -328,6 +334,7 @@ def _mean(values: list[float]) -> tuple[float, float, int]:
     return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
 
 
+@public
 def cues_text(found: Explained) -> str:
     """A row for each cue, a column for each reference; an asterisk at the three largest of each, as the thesis shows them.
 
@@ -351,6 +358,7 @@ def _cell(found: Explained, reference: float, name: str) -> str:
     return f"{mean:.3f}{f' ±{error:.3f}' * (n > 1)} ({n}){'*' * (larger < 3)}"
 
 
+@public
 def analysis(sessions: Sequence[Saved]) -> str:
     """Just-noticeable differences, and below them the cues beside d' where all trials have logs of what was displayed."""
     told = text(jnds(columns(sessions)))

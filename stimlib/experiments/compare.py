@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.packages import package
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from .likelihood import numbers
 
 Array = np.ndarray
@@ -39,6 +39,7 @@ class Statistic:
 
 
 # Between groups --------------------------------------------------------------------------------------------------------
+@public
 def shapiro(values: ArrayLike) -> Statistic:
     """Shapiro and Wilk's test: p is small where the values are NOT normal.
 
@@ -76,6 +77,7 @@ def shapiro(values: ArrayLike) -> Statistic:
     return Statistic("Shapiro-Wilk", float(found.statistic), (), float(found.pvalue))
 
 
+@public
 def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
     """Kruskal and Wallis' test: does any group tend to larger values?
 
@@ -134,6 +136,7 @@ class Pair:
     adjustment: str
 
 
+@public
 def dunn(groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni") -> tuple[Pair, ...]:
     """Dunn's test of every pair of groups, by their mean ranks among all values.
 
@@ -187,6 +190,7 @@ def dunn(groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: 
     )
 
 
+@public
 def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     """One-way analysis of variance between independent groups.
 
@@ -224,6 +228,7 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
 
 
 # Within participants ---------------------------------------------------------------------------------------------------
+@public
 def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     """Student's t test of differences: the same people in two conditions.
 
@@ -289,6 +294,7 @@ class Effect:
     eta2: Any
 
 
+@public
 def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tuple[Effect, ...]:
     """Repeated-measures analysis of variance: the same people in all conditions, any number of factors.
 
@@ -406,6 +412,7 @@ class Mixed:
     loglik: float
 
 
+@public
 def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant") -> Mixed:
     """A linear mixed model with an intercept of each participant: for gaps, covariates such as the trial's number, drift.
 

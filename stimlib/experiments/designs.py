@@ -13,12 +13,13 @@ from numbers import Integral
 from typing import Any
 
 from ..core.fields import number
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .streams import seed_of, stream
 from .tasks import Task
 from .trial import Answer, Design, State, Trial, outcome
 
 
+@public
 def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     """Names in random order; one more name leaves the others in the order that they had.
 
@@ -41,6 +42,7 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     return sorted(names, key=lambda name: stream(seed, purpose, name).random())
 
 
+@public
 def turn_of(participant: str, turns: int) -> int:
     """Which of so many orders a participant has, from 0 on: the number at the end of the code, less 1, modulo turns.
 
@@ -79,6 +81,7 @@ def _check_designs(what: str, designs: Any) -> None:
             )
 
 
+@public
 @dc.dataclass(frozen=True)
 class Staircase:
     """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49, 467-477).
@@ -208,6 +211,7 @@ class Staircase:
         }
 
 
+@public
 @dc.dataclass(frozen=True)
 class Listed:
     """A list of trials, each several times, in random order: constant stimuli, one-interval 2AFC, ratings, ranking.
@@ -294,6 +298,7 @@ class Listed:
         return {**state, "n": state["n"] + 1}
 
 
+@public
 @dc.dataclass(frozen=True)
 class Interleaved:
     """Several designs at a time, one of which is drawn for each trial, until all have ended.
@@ -342,6 +347,7 @@ class Interleaved:
         return {**state, "n": state["n"] + 1, "tracks": tracks}
 
 
+@public
 @dc.dataclass(frozen=True)
 class Parts:
     """Designs one after another.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .likelihood import curve
 
 CORRECTIONS = {
@@ -46,7 +46,8 @@ class Detection:
     standard_error: float
 
 
-def detection(hits: int, signals: int, false_alarms: int, noises: int, correction: str = "error") -> Detection:
+@public
+def detection(hits: float, signals: float, false_alarms: float, noises: float, correction: str = "error") -> Detection:
     """d' of a one-interval task, or of a yes-no one.
 
     Parameters
@@ -92,7 +93,7 @@ def detection(hits: int, signals: int, false_alarms: int, noises: int, correctio
     return Detection(z_H - z_F, -(z_H + z_F) / 2, H, F, changed, float(variance**0.5))
 
 
-def _rate(k: int, n: int, correction: str) -> tuple[float, int]:
+def _rate(k: float, n: float, correction: str) -> tuple[float, float]:
     """The corrected rate, and of how many."""
     extreme = k in (0, n)
     if correction == "loglinear":
@@ -115,7 +116,8 @@ class Proportion:
     n: int
 
 
-def wilson(k: int, n: int, confidence: float = 0.95) -> Proportion:
+@public
+def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
     """A proportion with its Wilson score interval.
 
     Parameters
@@ -162,7 +164,8 @@ class Diagnosis:
     accuracy: Proportion
 
 
-def diagnosis(hits: int, signals: int, correct_rejections: int, noises: int, confidence: float = 0.95) -> Diagnosis:
+@public
+def diagnosis(hits: float, signals: float, correct_rejections: float, noises: float, confidence: float = 0.95) -> Diagnosis:
     """Sensitivity, specificity and accuracy, with Wilson intervals of the trials that there were.
 
     Parameters
@@ -200,7 +203,7 @@ def diagnosis(hits: int, signals: int, correct_rejections: int, noises: int, con
     )
 
 
-def _counts(what: str, k: int, n: int) -> None:
+def _counts(what: str, k: float, n: float) -> None:
     whole = all(isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v) for v in (k, n))
     if not (whole and 0 <= k <= n and n > 0):
         raise BadValue(f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the second above 0")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.cues import Cues, cues
 from ..core.progress import progress as bar
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from ..files.replay import delivered
 from ..files.session import read_log
 from .fits import undetermined
@@ -51,6 +51,7 @@ class Distance:
     problem: str
 
 
+@public
 def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math.nan) -> tuple[Distance, ...]:
     """Normalised distances of physical cues, the largest first.
 
@@ -120,6 +121,7 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
 
 
 # What was displayed ----------------------------------------------------------------------------------------------------
+@public
 def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64]]]:
     """The signals of each interval of a trial, from its log: the hand's, and the outputs as they were delivered, in their units.
 
@@ -152,6 +154,7 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
     return [{name: x[a:b] for name, x in (inputs | outputs).items()} for a, b in shown["intervals"]]
 
 
+@public
 def recorded(sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any) -> dict[str, list[Any]]:
     """The physical cues of all trials that count, from their logs: what the hand did, and what it was given.
 

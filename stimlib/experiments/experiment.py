@@ -12,7 +12,7 @@ from typing import Any
 from ..core import fields
 from ..core.scene import Scene
 from ..core.units import Unit
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from ..run.safety import Safety
 from .own import called
 from .questions import Question
@@ -20,6 +20,7 @@ from .streams import seed_of
 from .trial import Design, Observer, Stimulus, Trial
 
 
+@public
 @dc.dataclass(frozen=True)
 class Timing:
     """When a trial's stimuli are there, in s.
@@ -53,6 +54,7 @@ class Timing:
             raise BadValue(f"Timing: interval = {self.interval:g} s must be longer than its two ramps of {self.ramp:g} s")
 
 
+@public
 @dc.dataclass(frozen=True)
 class Cursor:
     """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (Çaldıran's thesis, section 3.5)."""
@@ -66,6 +68,7 @@ class Cursor:
             raise BadValue(f"Cursor: amplitude = {self.amplitude!r} and frequency = {self.frequency!r} must be above 0")
 
 
+@public
 @dc.dataclass(frozen=True)
 class Masking:
     """White noise on a channel of its own while stimuli are there: rms relative to the device's full scale."""
@@ -74,6 +77,7 @@ class Masking:
     rms: float = 0.05
 
 
+@public
 @dc.dataclass(frozen=True)
 class Experiment:
     """All that makes an experiment, except who takes part and on which device.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, shortened
+from ..errors import BadValue, UnknownName, public, shortened
 from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, numbers, probability, total
 
 if TYPE_CHECKING:
@@ -222,6 +222,7 @@ def logarithmic(axis: Any, scale: Callable[[str], Any]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+@public
 def psychometric(
     levels: ArrayLike | Mapping[str, Sequence[Any]],
     yes: ArrayLike | None = None,
@@ -319,6 +320,7 @@ def psychometric(
     )[""]
 
 
+@public
 def psychometrics(
     data: Mapping[Key, Sequence[Any] | Mapping[str, Sequence[Any]]],
     *,
@@ -450,6 +452,7 @@ def _padded(part: Sequence[Sets]) -> Sets:
     return Sets(np.stack(x), np.stack(yes), np.stack(n))
 
 
+@public
 def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Array:
     """Profile-likelihood intervals, of many sets at once.
 
@@ -506,6 +509,7 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
     return np.stack([pses, np.exp(-slopes)]).reshape(2, 2, *shape)
 
 
+@public
 def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES) -> Array:
     """Percentiles of fits to answers that were drawn from the fit of one set, at the same levels.
 
@@ -538,6 +542,8 @@ def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed:
     array([[1.6, 2.4],
            [0.8, 1.5]])
     """
+    if not 0 < confidence < 1 or seed < 0 or n < 1:
+        raise BadValue(f"bootstrap: confidence = {confidence}, seed = {seed}, n = {n} must be within 0 .. 1, 0 or above, above 0")
     middle = float(np.average(sets.x, weights=sets.n))
     found = maximum(sets, middle, model)
     p = probability(found.a + found.b * (sets.x - middle), model, found.lapse)[0]

@@ -11,7 +11,7 @@ from math import dist, radians
 
 import numpy as np
 
-from ..errors import UnknownName
+from ..errors import UnknownName, public
 from ..run.safety import Safety
 from ..scenes import soft_surface
 from ..soft import block, buried
@@ -39,6 +39,7 @@ NEAR = 0.01
 """A nodule is found where a place is so near to its middle, in m; ours: nodules are 52 mm apart."""
 
 
+@public
 def nodule_places() -> Experiment:
     """The experiment: mark the three nodules; with one avatar, with three of them, with a vibration.
 
@@ -92,10 +93,13 @@ def _surface(name: str) -> Listed:
 
 
 def _buried(condition: str) -> dict[str, tuple[float, float]]:
+    if condition not in SURFACES:
+        raise UnknownName(f"no surface {condition!r}; there are {', '.join(SURFACES)}")
     return buried(radians(SURFACES[condition][1]))
 
 
 # Who answers -----------------------------------------------------------------------------------------------------------
+@public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
     """Somebody who finds nodules as often as the paper's participants, and marks them to 2 mm; looks at no rendering."""
     chance = FOUND[SURFACES[trial.condition][0]] / 60
@@ -127,6 +131,7 @@ class Located:
     pairs: tuple[Pair, ...]
 
 
+@public
 def located(answers: Columns) -> Located:
     """How many nodules were found with each feedback.
 
@@ -169,7 +174,8 @@ def located(answers: Columns) -> Located:
     return Located(rates, each, kruskal(people) if spread else None, dunn(people, "one-sided") if spread else ())
 
 
-def hit(condition: str, marks: Sequence[Sequence[float]]) -> dict[str, bool]:
+@public
+def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]:
     """Which nodules of a surface have a mark within `NEAR`.
 
     Examples

@@ -12,7 +12,7 @@ from math import pi
 
 import numpy as np
 
-from ..errors import UnknownName
+from ..errors import UnknownName, public
 from ..run.safety import Safety
 from ..scenes import soft_surface
 from ..soft import block
@@ -47,6 +47,7 @@ def held(t):
 PEN = HAND | {"press": held}  # of a simulated pen; ours
 
 
+@public
 def nodule_sizes() -> Experiment:
     """The experiment: three marked places, the hardest first; one trial of each participant.
 
@@ -95,6 +96,7 @@ def surface_of(participant: str, session: int) -> Listed:
 
 
 # Who answers -----------------------------------------------------------------------------------------------------------
+@public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
     """Somebody who sorts as the paper's participants may have done, see `ORDERS`; looks at no rendering."""
     order = rng.choice(list(ORDERS), p=np.array(list(ORDERS.values())) / sum(ORDERS.values()))
@@ -122,6 +124,7 @@ class Sorted:
     rank: Mapping[str, float]
 
 
+@public
 def sorted_rightly(answers: Columns) -> Sorted:
     """How often each pair of nodules was put in the right order, and the mean place of each.
 

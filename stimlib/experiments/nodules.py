@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import UnknownName
+from ..errors import UnknownName, public
 from ..motion.generators import constant_speed
 from ..run.safety import Safety
 from ..scenes import soft_surface
@@ -37,6 +37,7 @@ SURFACES = {f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES
 HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}  # of a simulated mouse, line by line; ours
 
 
+@public
 def nodules() -> Experiment:
     """The experiment: is there a nodule under the left side, and under the right one?
 
@@ -111,6 +112,7 @@ def right_answers(condition: str) -> dict[str, str]:
 
 
 # Who answers -----------------------------------------------------------------------------------------------------------
+@public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
     """Somebody who finds as many nodules, and sees as many empty sides to be empty, as the paper's participants."""
     hits, rejections = COUNTS[SURFACES[trial.condition][0]]
@@ -139,6 +141,7 @@ class Found:
     tests: Mapping[str, tuple[Statistic, tuple[Pair, ...]]]
 
 
+@public
 def found(answers: Columns) -> Found:
     """Rates and tests of each technique.
 

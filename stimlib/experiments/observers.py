@@ -15,7 +15,7 @@ from ..core.packages import package
 from ..core.pool import spread
 from ..core.progress import progress as bar
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
@@ -29,6 +29,7 @@ By = float | Mapping[str, float]
 """A number, or one for each condition."""
 
 
+@public
 @dataclass(frozen=True)
 class Psychometric:
     """An observer of parameters, who looks at a trial's level alone.
@@ -88,6 +89,7 @@ class Psychometric:
         return _answer(trial, bool(rng.random() < chance))
 
 
+@public
 @dataclass(frozen=True)
 class Listener:
     """An observer of the displayed signal, who feels one figure of the rendered samples, with an error.
@@ -235,6 +237,7 @@ def _of(v: By, condition: str, name: str) -> float:
 COLUMNS = ("participant", "number", "condition", "track", "level", "chance", "outcome")
 
 
+@public
 def simulate(
     experiment: Experiment,
     observer: Observer | Mapping[str, Observer],
@@ -369,6 +372,7 @@ class Power:
     trials: tuple[float, int]
 
 
+@public
 def power(
     experiment: Experiment,
     observer: Callable[[np.random.Generator], Observer],
@@ -425,7 +429,10 @@ def power(
     found = []
     for e in range(experiments):
         at = np.flatnonzero(whose == f"E{e}")
-        found.append(analyse({name: [column[k] for k in at] for name, column in columns.items()}))
+        result = analyse({name: [column[k] for k in at] for name, column in columns.items()})
+        if np.shape(result) != (2,):
+            raise BadValue(f"power: analyse gives {result!r:.80} where it must give (estimate, p)")
+        found.append(result)
     estimates, p = np.array(found, float).T
     good = np.isfinite(estimates)
     share = wilson(int(np.sum(p[good] < alpha)), experiments)

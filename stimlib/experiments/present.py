@@ -24,12 +24,12 @@ from ..core.scene import Scene
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, StimlibError, UnknownName
+from ..errors import BadValue, StimlibError, UnknownName, public
 from ..files.log import LogWriter, header
 from ..files.replay import delivered
 from ..files.session import read_log
 from ..run.safety import Safety
-from .experiment import Experiment
+from .experiment import Cursor, Experiment
 from .trial import Trial
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
 
 # The program ---------------------------------------------------------------------------------------------------------
+@public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     """First sample of each interval, and the one after its last.
 
@@ -54,6 +55,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     return [(at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))]
 
 
+@public
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
     """A trial as one scene, and the parameters that it is to start with.
 
@@ -89,7 +91,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     >>> from stimlib.experiments.questions import choice
     >>> from stimlib.experiments.trial import Stimulus, Trial
     >>> spring = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
-    >>> pair = Experiment("pair", "1", {"spring": spring}, None, (choice("softer", "?", "first", "second"),), fs=1000,
+    >>> which = choice("softer", "?", "first", "second")
+    >>> pair = Experiment("pair", "1", {"spring": spring}, lambda who, session: None, (which,), fs=1000,
     ...     safety=10.0, timing=Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0))
     >>> trial = Trial("a", (Stimulus("spring", {"k": 1.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
     >>> spans(pair, trial)  # the fade of the sink comes first
@@ -131,7 +134,7 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
     if m is None:
         return s
     rest = [name for name in scene.outputs if name != m.output]
-    scale = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
+    scale: Any = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
     slew = dict.fromkeys(rest, s.slew) if isinstance(s.slew, float) else s.slew
     return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
 
@@ -181,6 +184,7 @@ AHEAD = 1000
 """Trials of a session of which the programs are compiled before it begins."""
 
 
+@public
 def prepare(session: Session, sink: str) -> int:
     """Compile what a session displays before it begins; later it would be late once for each kind of stimulus, and tell of it.
 
@@ -210,6 +214,7 @@ def prepare(session: Session, sink: str) -> int:
     return len(done)
 
 
+@public
 def present(
     experiment: Experiment,
     trial: Trial,
@@ -272,6 +277,7 @@ def present(
 
 
 # What came out -------------------------------------------------------------------------------------------------------
+@public
 def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]) -> dict[str, Any]:
     """Peak and RMS of each output in each interval, of the samples that the log says were delivered, in the outputs' units.
 
@@ -306,7 +312,8 @@ def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tu
     return found
 
 
-def followed(x: NDArray[np.float64], cursor: Any, fs: float) -> dict[str, float]:
+@public
+def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
     """How well a hand followed the reference, by least squares of a sine and a cosine of its frequency and a constant.
 
     Parameters
@@ -332,6 +339,8 @@ def followed(x: NDArray[np.float64], cursor: Any, fs: float) -> dict[str, float]
     >>> {k: round(v, 6) for k, v in followed(0.009 * np.sin(2 * np.pi * (t - 0.05)), Cursor("x", 0.01), 1000).items()}
     {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
     """
+    if np.ndim(x) != 1:
+        raise BadValue(f"followed: x must be a row of positions, got shape {np.shape(x)}")
     t = np.arange(len(x)) / fs
     w = 2 * np.pi * cursor.frequency
     waves = np.stack([np.sin(w * t), np.cos(w * t), np.ones_like(t)], axis=1)

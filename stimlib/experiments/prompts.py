@@ -6,7 +6,7 @@ import dataclasses as dc
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .questions import NONE
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ class Prompt:
     words: tuple[str, ...] = ()
 
 
+@public
 def prompted(question: Question, replays: int = 0) -> Prompt:
     """The prompt of a question.
 

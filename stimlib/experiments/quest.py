@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..core.packages import package
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .tasks import Task
 from .trial import Answer, State, Trial, outcome
 
 _NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
 
 
+@public
 @dc.dataclass(frozen=True)
 class Quest:
     """A design that shows the level expected to tell most about a cumulative normal: mean, deviation, lapses.
@@ -111,7 +112,8 @@ def _short(chance: float | None) -> str:
 
 
 def _facts(design: Quest, state: State) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
-    alone = dc.replace(design, task=None)  # type: ignore[arg-type]  # a task may be no key of a cache
+    alone = copy.copy(design)
+    object.__setattr__(alone, "task", None)  # which may be no key of a cache
     return alone, getattr(design.task, "chance", None), tuple(state["levels"]), tuple(state["outcomes"])
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from ..core.fields import number
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,6 +17,7 @@ NONE = "n"
 """Typed where there are no places: Enter alone may be a slip."""
 
 
+@public
 @dc.dataclass(frozen=True)
 class Question:
     """One question; made by `choice`, `rating`, `ranking` or `places`.
@@ -111,6 +112,7 @@ def _place(v: Any) -> bool:
     return isinstance(v, (list, tuple)) and len(v) == 2 and all(map(number, v))
 
 
+@public
 def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     """One of several words.
 
@@ -142,6 +144,7 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     return Question(name, text, "choice", choices, tuple(keys))
 
 
+@public
 def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
     """A number from 1 (low) to most (high), such as an adjective pair of the touch-screen thesis, section 4.3.
 
@@ -157,6 +160,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
     return Question(name, text, "rating", (low, high), (), most)
 
 
+@public
 def ranking(name: str, text: str, *items: str) -> Question:
     """Some names put in order, the first is the most.
 
@@ -170,6 +174,7 @@ def ranking(name: str, text: str, *items: str) -> Question:
     return Question(name, text, "ranking", items)
 
 
+@public
 def places(name: str, text: str, most: int) -> Question:
     """Points where something was felt, at most so many, in the units of the scene's inputs.
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..checks.figures import svg
 from ..checks.page import STYLE, facts, items
 from ..core import regular
-from ..errors import UnknownName, shown
+from ..errors import UnknownName, public, shown
 from .fits import Fit, logarithmic
 from .tables import Columns, grouped, plain
 
@@ -23,6 +23,7 @@ NEEDED = ("participant", "condition", "level", "outcome", "track", "number")
 ACROSS = 4  # pictures in a row
 
 
+@public
 def write_report(
     path: str | os.PathLike[str],
     title: str,

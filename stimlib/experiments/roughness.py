@@ -14,7 +14,7 @@ from math import log10
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, UnknownName, public
 from ..motion.generators import constant_speed
 from ..run.rendering import render
 from ..run.safety import Safety
@@ -53,6 +53,7 @@ HAND = {"x": constant_speed(0.1, 0.1)}  # of a simulated finger, back and forth 
 FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
 
 
+@public
 def roughness() -> Experiment:
     """The experiment: 81 stimuli, four times each, rated from smooth to rough and from flat to bumpy.
 
@@ -112,6 +113,7 @@ def day(participant: str, session: int) -> Parts:
 
 
 # Who answers -----------------------------------------------------------------------------------------------------------
+@public
 @cache
 def rms(name: str) -> float:
     """RMS of a stimulus in V before the amplifier, eq. (18), of the voltage as it is rendered for the moving finger.
@@ -127,12 +129,15 @@ def rms(name: str) -> float:
     >>> round(rms("square, 6 bumps, duty 0.5, 4 V"), 2)  # A sqrt(d)/2
     1.41
     """
+    if name not in STIMULI:
+        raise UnknownName(f"rms: no stimulus {name!r}; there are {', '.join(STIMULI)}")
     s = STIMULI[name]
     scene: Scene = bumps(s.waveform, s.bumps)
     voltage = render(scene, HAND, FS, SECONDS, {"duty": s.duty, "A": s.amplitude})["voltage"]
     return float(np.sqrt(np.mean(voltage**2))) / GAIN
 
 
+@public
 def person(rng: np.random.Generator | None = None) -> Observer:
     """Somebody who goes by the RMS: roughness 3.92 + 2.25 log10(RMS/V), bumpiness by the amplitude alone, both with errors.
 
@@ -187,6 +192,7 @@ class Ratings:
     law: Law
 
 
+@public
 def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     """The thesis' tables and tests of one question.
 

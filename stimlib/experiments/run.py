@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..errors import public
 from .present import prepare, present
 from .questions import Question
 from .session import Session
@@ -43,6 +44,7 @@ class Face(Protocol):
         """The answer; None to have the stimuli once more, where replays are left."""
 
 
+@public
 def run(session: Session, face: Face, sink: str | Show = "offline", **options: Any) -> None:
     """All trials that are left of a session that is open.
 
@@ -120,6 +122,7 @@ def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str]
     return session.put(Answer(values, round(time.monotonic() - began, 3), replays), shown)
 
 
+@public
 class Simulated:
     """The face of an observer who answers by itself and needs no rest; see `stimlib.experiments.trial.Observer`.
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import fields, regular
-from ..errors import BadValue, SinkError, StimlibError, shown
+from ..errors import BadValue, SinkError, StimlibError, public, shown
 from .streams import seed_of
 from .trial import Answer, Record, Trial
 
@@ -38,6 +38,7 @@ _LINE = {
 }
 
 
+@public
 def blinded(seed: int, name: str) -> str:
     """What an experimenter sees in place of a condition: a letter and digits that differ from session to session.
 
@@ -50,6 +51,7 @@ def blinded(seed: int, name: str) -> str:
     return f"c{seed_of(seed, 'blind', name) % 10000:04}"
 
 
+@public
 def folder_of(experiment: str, data: str | os.PathLike[str], participant: str, session: int = 1, pilot: bool = False) -> Path:
     """Where a session is kept.
 
@@ -103,6 +105,7 @@ class Saved:
         return [r for r in self.records if not r.trial.training]
 
 
+@public
 def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     """A session from its folder, also while it runs or after it was killed.
 
@@ -182,6 +185,7 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
     return records, size, chain
 
 
+@public
 def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False) -> list[Saved]:
     """All sessions of an experiment, data or pilots, by the names of their folders.
 
@@ -208,6 +212,7 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
     return found
 
 
+@public
 def status(saved: Saved) -> dict[str, Any]:
     """What the experimenter may know of a session: how far it is, its conditions blinded.
 
@@ -239,6 +244,7 @@ def status(saved: Saved) -> dict[str, Any]:
     }
 
 
+@public
 def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[Any]]:
     """The trials that count as columns, for an analysis or a table of pandas; those of `simulate` are like them.
 

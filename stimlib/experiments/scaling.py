@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .likelihood import numbers
 
 
@@ -38,6 +38,7 @@ class Line:
     df: int
 
 
+@public
 def line(x: ArrayLike, y: ArrayLike) -> Line:
     """Fit a line: of JNDs over their references it is Weber's, with an intercept.
 
@@ -108,6 +109,7 @@ class Law:
         return 10**value if self.name == "stevens" else value
 
 
+@public
 def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
     """Fechner's law, R = a + b log10(I).
 
@@ -142,6 +144,7 @@ def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
     return _law("fechner", x, y, line(np.log10(x), y))
 
 
+@public
 def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
     """Stevens' law, R = c I^n, as a line in logarithms.
 
@@ -186,6 +189,7 @@ def _law(name: str, x: np.ndarray, y: np.ndarray, fitted: Line) -> Law:
     return Law(name, fitted, 1 - rest / float(np.sum((y - y.mean()) ** 2)), aic)
 
 
+@public
 def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     """The increment at which d' is 1: 1 over the mean of the slopes d'/increment.
 
@@ -219,9 +223,9 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     d, step = numbers("jnd_from_dprime: d", d), numbers("jnd_from_dprime: increment", increment)
     if not d.size or not step.size:
         raise BadValue("jnd_from_dprime: there is no d'")
-    _above("jnd_from_dprime", "increment", np.atleast_1d(step))
     if d.shape[-1:] != step.shape:
         raise BadValue(f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not {step.shape}")
+    _above("jnd_from_dprime", "increment", np.atleast_1d(step))
     slope = float(np.mean(d / step))
     return 1 / slope if slope > 0 else float("nan")
 

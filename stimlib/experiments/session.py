@@ -28,7 +28,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..core import regular
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, public
 from ..version import __version__
 from .experiment import Experiment
 from .saved import VERSION, Saved, blinded, folder_of, read, sealed
@@ -39,6 +39,7 @@ SPARE = 65536  # bytes; the line of a trial has about 2000
 LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps, and events
 
 
+@public
 class Session:
     """A participant's session that is running: what is due, and what was answered.
 

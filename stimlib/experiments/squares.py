@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 _POLYNOMIALS = {4: 0b111, 8: 0b1011, 16: 0b10011, 32: 0b100101}  # irreducible over GF(2)
 
@@ -25,6 +25,7 @@ _BORDERED = {  # order: where the second is at the border, then the two first ro
 }  # fmt: skip
 
 
+@public
 def graeco_latin(n: int) -> NDArray[np.int64]:
     """A Graeco-Latin square of an order.
 
@@ -73,6 +74,7 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
     return square
 
 
+@public
 def check_graeco_latin(square: ArrayLike) -> None:
     """Raise a BadValue, with the place, unless each letter is once in each row and column, and each pair once in all.
 

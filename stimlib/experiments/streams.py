@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 
 def _sequence(seed: int, words: tuple[str | int, ...]) -> np.random.SeedSequence:
@@ -16,6 +16,7 @@ def _sequence(seed: int, words: tuple[str | int, ...]) -> np.random.SeedSequence
     return np.random.SeedSequence(seed, spawn_key=np.frombuffer(key, "<u4").tolist())
 
 
+@public
 def stream(seed: int, *words: str | int) -> np.random.Generator:
     """The random numbers of one purpose.
 
@@ -47,6 +48,7 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(_sequence(seed, words)))
 
 
+@public
 def seed_of(seed: int, *words: str | int) -> int:
     """A seed of 53 bits for one purpose, such as the noise of a trial; parameters as for `stream`.
 

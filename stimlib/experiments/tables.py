@@ -7,13 +7,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..core.packages import package
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
 """A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a DataFrame is one, too."""
 
 
+@public
 def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[str, list[Any]]]:
     """The rows of each group, in the order in which the groups first come.
 
@@ -53,6 +54,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     return found
 
 
+@public
 def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), **how: Any) -> dict[tuple[Any, ...], Fit]:
     """A psychometric function for each group.
 
@@ -82,6 +84,7 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     return psychometrics(groups, **how)
 
 
+@public
 def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Results as rows of names and values.
 
@@ -108,12 +111,15 @@ def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
 
 
 def _fields(row: Any) -> dict[str, Any]:
+    if not dataclasses.is_dataclass(row):
+        raise BadValue(f"plain: {row!r:.80} is no result; give results of fits, or statistics")
     own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
     if isinstance(row, Fit):
         del own["data"]
     return own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept} if isinstance(row, Fit) else own
 
 
+@public
 def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> Any:
     """Results as a pandas table.
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import dataclasses as dc
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from .streams import seed_of, stream
 from .trial import Stimulus, Trial
 
 
+@runtime_checkable
 class Task(Protocol):
     """Makes trials of one condition."""
 
@@ -24,6 +25,7 @@ class Task(Protocol):
     def trial(self, level: Any, seed: int, n: int) -> Trial: ...
 
 
+@public
 @dc.dataclass(frozen=True)
 class Pair:
     """Sequential two-alternative forced choice: a standard and a comparison, in random order (the UGrip paper, section 2.2).
@@ -100,6 +102,7 @@ class Pair:
         )
 
 
+@public
 @dc.dataclass(frozen=True)
 class Identify:
     """One-interval two-alternative forced choice: which of two known stimuli was that (Çaldıran's thesis, section 3.1)?
@@ -143,6 +146,7 @@ class Identify:
         return Trial(self.condition, (shown,), (self.question,), scores[level], scores=scores, correct={self.question: level})
 
 
+@public
 @dc.dataclass(frozen=True)
 class Show:
     """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to find and to rank (Li et al. 2016).

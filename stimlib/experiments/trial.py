@@ -19,13 +19,14 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .own import called
 
 State = dict[str, Any]
 """Of a design: JSON data."""
 
 
+@public
 @dc.dataclass(frozen=True)
 class Stimulus:
     """A scene with its numbers.
@@ -48,6 +49,7 @@ class Stimulus:
     name: str = ""
 
 
+@public
 @dc.dataclass(frozen=True)
 class Answer:
     """What somebody answered to a trial.
@@ -71,6 +73,7 @@ class Answer:
         return dc.asdict(self)
 
 
+@public
 @dc.dataclass(frozen=True)
 class Trial:
     """What is shown and asked once.
@@ -190,6 +193,7 @@ Observer = Callable[[Trial, np.random.Generator], Answer]
 """Somebody who answers: a simulated one draws from the generator and from nothing else."""
 
 
+@public
 def outcome(trial: Trial, answer: Answer) -> Any:
     """What an answer to the first question counts for: its score where the trial has scores, else the answer itself.
 
@@ -223,6 +227,7 @@ def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answ
     return answer
 
 
+@public
 def observed(design: Design, seed: int, observer: Observer, rng: np.random.Generator) -> Iterator[tuple[Trial, Answer]]:
     """A whole session of a simulated observer, without any sample being rendered.
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import public
 from ..motion.generators import minimum_jerk
 from ..run.rendering import Rendering
 from ..run.safety import Safety
@@ -37,6 +38,7 @@ SQUEEZES = {f"x{n}": minimum_jerk(depth=0.005) for n in FINGERS.values()}  # our
 TIMING = Timing(interval=3.0, gap=0.5)  # ours: with it 300 trials and six minutes of rest take the paper's 45 minutes
 
 
+@public
 def ugrip(reversals: int = 20) -> Experiment:
     """The experiment: four pairs of interleaved staircases, which of two objects is softer?
 
@@ -104,6 +106,7 @@ SPREAD = {"one finger": 1 / 7.9, "two fingers": 1 / 17.5}  # of log10 k: the slo
 SOFTER = {"one finger": 316.0, "two fingers": 0.0}  # a point of subjective equality of 2.34 N/mm for one finger
 
 
+@public
 def feels(softer: float) -> Measure:
     """Stiffness as somebody feels it who takes vibration for displacement, as the paper's discussion has it.
 
@@ -138,6 +141,7 @@ def feels(softer: float) -> Measure:
     return stiffness
 
 
+@public
 def person(rng: np.random.Generator | None = None) -> Observer:
     """Somebody who compares felt stiffness, log10, with an error of each interval.
 
@@ -214,6 +218,7 @@ class Comparison:
     printed: str
 
 
+@public
 def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], Fit]:
     """The 32 psychometric functions, probit over log10 of the comparison's stiffness in N/mm, by participant and condition.
 
@@ -230,6 +235,7 @@ def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], F
     return fitted({**answers, "level": [level / 1000 for level in answers["level"]]}, log=True, interval=interval)
 
 
+@public
 def comparisons(answers: Columns) -> tuple[Comparison, ...]:
     """The comparisons of section 2.3, in its order.
 
@@ -259,6 +265,7 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
     return tuple(test(*asked) for asked in QUESTIONS)
 
 
+@public
 def text(rows: Iterable[Comparison]) -> str:
     """The comparisons as lines for a terminal.
 

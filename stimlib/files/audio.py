@@ -27,8 +27,8 @@ from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, SinkError, shown
-from ..motion.source import frames_of, sources_of, warn_fast
+from ..errors import BadValue, FaultError, SinkError, outside, public, shown
+from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
@@ -42,15 +42,16 @@ STEP = 1.0  # s of signal that is written at once, at most; a killed run can los
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
+@public
 def write(
     path: str | os.PathLike[str],
     proc: Processor,
-    motion: Mapping[str, Callable[[Array], Any] | NDArray[Any]] | None = None,
+    motion: Motion | None = None,
     seconds: float | None = None,
     *,
     format: str | None = None,
     subtype: str | None = None,
-    full_scale: float | Mapping[str, float] | None = None,
+    full_scale: float | str | Mapping[str, float] | None = None,
     block: int = 8192,
     progress: bool | str = True,
     overwrite: bool = True,
@@ -143,13 +144,14 @@ def write(
     return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
 
 
+@public
 def save(
     path: str | os.PathLike[str],
     rendering: Rendering,
     *,
     format: str | None = None,
     subtype: str | None = None,
-    full_scale: float | Mapping[str, float] | None = None,
+    full_scale: float | str | Mapping[str, float] | None = None,
     progress: bool | str = False,
     overwrite: bool = True,
 ) -> FileReport:
@@ -206,7 +208,7 @@ def _write(
     blocks: Callable[[dict[str, Any], int], Iterator[Array]],
     format: str | None,
     subtype: str | None,
-    full_scale: float | Mapping[str, float] | None,
+    full_scale: float | str | Mapping[str, float] | None,
     progress: bool | str,
     overwrite: bool,
 ) -> FileReport:
@@ -248,7 +250,7 @@ def _write(
 
     report = publish(path, info, run, overwrite)
     if beyond := _beyond(report, info):
-        warnings.warn(beyond, RuntimeWarning, stacklevel=2)
+        warnings.warn(beyond, RuntimeWarning, stacklevel=outside())
     return report
 
 
@@ -306,6 +308,7 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
     return shown(f"{report.path}: samples pass full scale ({told}); {then}: give a full scale (--full-scale) of {needed}")
 
 
+@public
 def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]) -> FileReport:
     """Write frames as they are, such as those that a device was given, with the laws of `write`.
 
@@ -358,6 +361,7 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     return publish(path, blank | info, run, True)
 
 
+@public
 def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     """Read a file that `write` wrote, in physical units, and check it against its sidecar.
 
@@ -421,6 +425,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
 
 
+@public
 def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], float]:
     """Return a sound file as a scene that passes its channels on, what drives it, and its sample rate.
 

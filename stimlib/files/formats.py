@@ -59,7 +59,7 @@ def check_format(format: str, subtype: str, fs: float, channels: int, frames: in
         raise SinkError(f"FLAC holds fewer than 2**36 frames, not {frames}")
 
 
-def full_scales(full_scale: float | Mapping[str, float] | None, proc: Processor, format: str) -> Array:
+def full_scales(full_scale: Any, proc: Processor, format: str) -> Array:
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
     if full_scale is None and format == "FLAC":

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core import definitions, fields, regular
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, StimlibError
+from ..errors import BadValue, SinkError, StimlibError, public
 from ..run.processor import Processor
 from ..run.safety import Safety, protect
 from ..version import __version__
@@ -229,6 +229,7 @@ class LogWriter:
             self._open.close()
 
 
+@public
 def header(
     scene: Scene,
     safety: Safety,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core import regular
 from ..core.bounds import limits
-from ..errors import SinkError
+from ..errors import SinkError, public
 from .draft import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 from .formats import JOURNAL, Array, physical
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
@@ -99,6 +99,7 @@ def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> No
         raise
 
 
+@public
 def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> FileReport:
     """Make a file of what a run of `stimlib.files.audio.write` left when it was killed.
 

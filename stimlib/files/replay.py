@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, SinkError, shown
+from ..errors import BadValue, SceneError, SinkError, public, shown
 from ..run.processor import Change, Processor
 from ..run.safety import protect, to_device
 from ..run.walk import Rows, walk
@@ -129,6 +129,7 @@ def delivered(
             begin = stop
 
 
+@public
 def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: int = 8192) -> Replay:
     """Make the delivered samples again and compare them with the log's hashes.
 

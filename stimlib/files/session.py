@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from ..core import definitions, fields, regular
 from ..core.bounds import limits
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, StimlibError, shown
+from ..errors import BadValue, SinkError, StimlibError, public, shown
 from ..run.processor import Change
 from ..run.safety import GAIN, Safety, protect
 from ..version import __version__
@@ -216,6 +216,7 @@ class SessionLog:
         return sorted(sets, key=lambda c: c.at)
 
 
+@public
 def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     """Read and check a session's log, also of a session that was killed.
 

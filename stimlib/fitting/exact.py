@@ -7,17 +7,20 @@ no integration step, and gaps and log-spaced time stamps need no resampling.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 ONSETS = ("steady", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
 
 
 # The exact answers ---------------------------------------------------------------------------------------------------
-def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "steady") -> np.ndarray:
+@public
+def springpot_force(t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady") -> np.ndarray:
     """What chi D^alpha y is at the times t, exactly, when y is straight between them.
 
     f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 - alpha)), without cancellation.
@@ -65,7 +68,10 @@ def springpot_force(t, y, chi: float, alpha: float, *, onset: str = "steady") ->
     return chi * out
 
 
-def maxwell_force(t, y, k0: float, arms, *, onset: str = "steady") -> np.ndarray:
+@public
+def maxwell_force(
+    t: ArrayLike, y: ArrayLike, k0: float, arms: Sequence[tuple[float, float]], *, onset: str = "steady"
+) -> np.ndarray:
     """What a spring and Maxwell arms answer at the times t, exactly, when y is straight between them.
 
     Parameters
@@ -194,7 +200,8 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
         raise BadValue(f"onset = {onset!r}; choose one of {', '.join(ONSETS)}")
 
 
-def thin(t, *signals, start: float, per_decade: int = 40, before: int = 200) -> list[np.ndarray]:
+@public
+def thin(t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200) -> list[np.ndarray]:
     """Averages over bins: equal bins before a time, and bins of equal ratio after it.
 
     A relaxation sampled evenly has nearly all of its samples where nothing happens any more.  Averages over bins weigh every

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, public
 from .exact import PAIRS, Pairs, arm_forces, check_material, maxwell_force, signals_at, springpot_force
 
 CONFIDENCE = 0.95
@@ -190,7 +191,10 @@ class MaxwellFit(MaterialFit):
         return generalized_maxwell(y, self.k0, self.arms, **options)
 
 
-def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "steady") -> SpringpotFit:
+@public
+def fit_springpot(
+    t: ArrayLike, y: ArrayLike, f: ArrayLike, *, where=None, sigma="relative", onset: str = "steady"
+) -> SpringpotFit:
     """Order and coefficient of the springpot that answers the recorded motion most like the recorded force.
 
     Parameters
@@ -275,8 +279,17 @@ def fit_springpot(t, y, f, *, where=None, sigma="relative", onset: str = "steady
     )  # fmt: skip
 
 
+@public
 def fit_generalized_maxwell(
-    t, y, f, *, arms: int, spring: bool = True, where=None, sigma="relative", onset: str = "steady"
+    t: ArrayLike,
+    y: ArrayLike,
+    f: ArrayLike,
+    *,
+    arms: int,
+    spring: bool = True,
+    where=None,
+    sigma="relative",
+    onset: str = "steady",
 ) -> MaxwellFit:
     """Stiffnesses and time constants of a generalized Maxwell model from a recorded motion and force.
 

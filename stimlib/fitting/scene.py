@@ -16,7 +16,7 @@ import numpy as np
 from ..core.packages import package
 from ..core.progress import progress as bar
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
 from .relaxation import _intervals
@@ -265,6 +265,7 @@ class Fit:
 
 
 # The search ----------------------------------------------------------------------------------------------------------
+@public
 def fit(
     scene: Scene,
     motion: Mapping[str, Any],

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.graph import check_arguments
 from ..design.texture import ORDER, TextureModel, frequencies
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 LARGEST = 1e9  # number in a recording, whatever its unit
 SHORTEST = 4  # samples for each coefficient in a stretch that is used
@@ -112,6 +111,7 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
     return a, power
 
 
+@public
 def fit_texture(
     acceleration, speed, force, fs: float, *, order: int = 14, speeds=5, forces=4, seconds: float = 1.0, name: str = ""
 ) -> TextureFit:
@@ -171,7 +171,6 @@ def fit_texture(
     >>> fit_texture(a, v, f, 1000, speeds=3, forces=3)
     TextureFit(9 of 9 bins, order 14, ... s)
     """
-    check_arguments(fit_texture, locals())
     a, v, f = _signals(acceleration=acceleration, speed=speed, force=force)
     v = np.abs(v)
     for what, value, least, most in (("order", order, 1, ORDER), ("fs", fs, 10, 1e6), ("seconds", seconds, 0, np.inf)):

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, UnknownName, shown
+from ..errors import BadValue, UnknownName, public, shown
 from .batch import Array
 from .cubics import cubics
 from .generators import Motion
@@ -161,6 +161,7 @@ class Recording:
         raise BadValue(f"{self.info['file']}: {' and '.join(what)}, and the scene has no input contact; {remedy}")
 
 
+@public
 def recording(
     source: str | os.PathLike[str] | Columns,
     columns: Mapping[str, str],
@@ -291,6 +292,7 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
     return tracks
 
 
+@public
 def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     """A motion or a recording from its text, as a sidecar has it.  Nothing is executed.
 

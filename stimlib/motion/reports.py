@@ -84,7 +84,7 @@ def _find(table: TableFile, column: str, what: str) -> str:
     for name in names:
         if column in (name, unicodedata.normalize("NFKC", name)):
             return name
-    remedy = "use one of those"
+    remedy = f"use one of those, such as time={names[0]!r}" if what == "time" and names else "use one of those"
     if all(table.number(name) is not None for name in names):
         remedy = "the first line must name the columns"
     elif len(names) == 1 and (mark := re.search(r"[\t|]", names[0])):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.graph import NUMBERS
-from ..errors import BadValue, UnknownName, place
+from ..errors import BadValue, UnknownName, outside, place
 from .generators import GENERATORS
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
             speed = float(np.abs(np.diff(x)).max(initial=0.0) / every)
         if speed > HAND:
             text = f"{name} moves at {speed:.4g} m/s, faster than a hand ({HAND:g} m/s): {remedy}"
-            warnings.warn(text, RuntimeWarning, stacklevel=3)
+            warnings.warn(text, RuntimeWarning, stacklevel=outside())
             return
 
 
@@ -88,6 +88,8 @@ def sources_of(motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames
     sources = {}
     for name in inputs:
         source = motion[name]
+        if isinstance(source, type):
+            raise BadValue(f"motion of {name} is the class {source.__name__}: call it, {source.__name__}(..), for a motion")
         if not callable(source):
             if hint := _hint(source):
                 raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")

@@ -7,12 +7,13 @@ import inspect
 from collections.abc import Iterable
 from typing import Any
 
-from ..errors import BadValue, shortened
+from ..errors import BadValue, public, shortened
 from .generators import GENERATORS, Motion
 
 MAX_SPEC = 10_000  # characters of a text that is looked at
 
 
+@public
 def parse_motion(text: str) -> Motion:
     """Motion written as a call, such as one typed on a command line.
 
@@ -82,6 +83,7 @@ def _usage() -> str:
     return f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example minimum_jerk(depth=0.01)"
 
 
+@public
 def parse_map(items: Iterable[str]) -> dict[str, str]:
     """Column mappings written as INPUT=EXPRESSION, such as those typed on a command line.
 
@@ -108,6 +110,7 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
     return pairs(items, "map", "INPUT=COLUMN or INPUT=COLUMN*NUMBER, such as x=force_N*5e-4")
 
 
+@public
 def parse_where(text: str) -> dict[str, str]:
     """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a command line.
 

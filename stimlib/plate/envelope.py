@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..core.graph import check_arguments
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 POINTS = 2048  # of a period
 
@@ -26,7 +26,8 @@ class Answer(NamedTuple):
     voltage: np.ndarray  # the drive's
 
 
-def half_sine(u: np.ndarray, duty: float = 0.5) -> np.ndarray:
+@public
+def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
     """The ridge of ``bump(u, "half_sine", duty)``, at 0 <= u < 1.
 
     Examples
@@ -36,9 +37,11 @@ def half_sine(u: np.ndarray, duty: float = 0.5) -> np.ndarray:
     >>> half_sine(np.array([0.0, 0.25, 0.75]))
     array([0., 1., 0.])
     """
+    u = np.asarray(u, np.float64)
     return np.where(u < duty, np.sin(np.pi * u / duty), 0.0)
 
 
+@public
 def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine) -> Answer:
     """The envelope of a mode's vibration at its resonance, for bumps at a rate, with ``pole_swap`` of a gain or without.
 
@@ -73,7 +76,6 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     1 0.4 1.0
     4 0.87 2.0
     """
-    check_arguments(envelope_behind, locals())
     if not (0 < freq < math.inf and 0.5 < q < math.inf and 0 < rate < math.inf):
         raise BadValue(f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r} above 0.5")
     if not 1 <= gain < 2 * q:
@@ -107,6 +109,7 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     )
 
 
+@public
 def best_gain(freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine) -> float:
     """The largest gain of a pole swap whose voltage stays within ``drive`` times that without it.
 
@@ -121,7 +124,6 @@ def best_gain(freq: float, q: float, rate: float, drive: float, envelope: Callab
     >>> round(best_gain(158.0, 10.0, rate=20.0, drive=2.0), 1)
     3.8
     """
-    check_arguments(best_gain, locals())
     if not drive >= 1:
         raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
     low, high = 1.0, math.nextafter(2 * q, 0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..core.packages import package
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .model import Plate, check_plate
 
 NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
@@ -24,6 +24,7 @@ class FrameFit:
     residual: np.ndarray
 
 
+@public
 def fit_frame(
     model: Plate, measured: Mapping[int, float], vary: Sequence[str] = ("clamp_stiffness", "in_plane_load")
 ) -> FrameFit:

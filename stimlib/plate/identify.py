@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..errors import BadValue, RecordingError
+from ..errors import BadValue, RecordingError, public
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -36,6 +37,7 @@ class Sweep(NamedTuple):
     fs: float
 
 
+@public
 def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str], time: str = "t") -> Sweep:
     """A sweep from columns of a CSV or npz file, a DataFrame or a dict of arrays.
 
@@ -141,7 +143,10 @@ class Resonance:
         )
 
 
-def identify(drive, response, fs: float, band: tuple[float, float] | None = None, quantity: str = "displacement") -> Resonance:
+@public
+def identify(
+    drive: ArrayLike, response: ArrayLike, fs: float, band: tuple[float, float] | None = None, quantity: str = "displacement"
+) -> Resonance:
     """A resonance from a recorded sweep, at one point or at many.
 
     Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p for all points.  R and the rest are found
@@ -414,7 +419,8 @@ class Drift(NamedTuple):
         return self.freq + self.slope * (temperature - self.at)
 
 
-def drift(found: Sequence[Resonance], temperature) -> Drift:
+@public
+def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
     """How a resonance moves with temperature: a straight line through sweeps, each as heavy as it is well known.
 
     Parameters

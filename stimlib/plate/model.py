@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core.packages import package
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .patch import Patch
 from .ritz import HELD, Axis, bending
 
@@ -24,6 +24,7 @@ SOFTEST = 1e5  # Pa; a softer one was measured in GPa
 PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 
 
+@public
 @dataclass(frozen=True)
 class Plate:
     """A thin rectangular plate (Kirchhoff), by Rayleigh and Ritz's method with Jacobi polynomials.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Protocol
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
 
@@ -27,6 +27,7 @@ class Host(Protocol):
     def stiffness(self) -> float: ...
 
 
+@public
 @dataclass(frozen=True)
 class Patch:
     """A piezoelectric sheet between two covers, glued on a plate.

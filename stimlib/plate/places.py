@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .model import Plate, check_plate
 from .patch import Patch
 
@@ -22,6 +22,7 @@ class Placement(NamedTuple):
     patches: tuple[Patch, ...]
 
 
+@public
 def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: float = 3e-3) -> list[Placement]:
     """All places of four patches on a grid, best first, by how far they move the middle of the plate in one mode.
 

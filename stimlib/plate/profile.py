@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.graph import check_arguments
-from ..errors import BadValue
+from ..errors import BadValue, public
 from .model import Plate, check_plate
 
 KAPPAS = np.geomspace(2.0, 200.0, 9)
@@ -20,6 +19,7 @@ FAR = 0.2  # of a knot: this is another shape
 Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
+@public
 def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: str = "fit") -> Fit:
     """The shape of the lowest mode through measured displacements, for ``equalize(x, measured, kind=mode_fit(plate))``.
 
@@ -65,7 +65,6 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     unit('V')
     """
     check_plate("mode_fit, to be called as in kind=mode_fit(model)", model)
-    check_arguments(mode_fit, locals())
     y = model.width / 2 if y is None else y
     if clamp not in ("fit", "known"):
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")

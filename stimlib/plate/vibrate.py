@@ -15,13 +15,14 @@ from ..blocks.plates import mode, mode_shape
 from ..blocks.svf import svf
 from ..core.graph import Block, Const, constant
 from ..core.units import unit
-from ..errors import BadValue, UnitError
+from ..errors import BadValue, UnitError, public
 from .model import Plate, check_plate
 
 LOOKED_AT = 16  # modes among which the driven ones are found
 UNMOVED = 1e-6  # of the largest static answer
 
 
+@public
 @dataclass(frozen=True)
 class Finger:
     """What a finger adds to the plate where it touches; a finger pad is about 0.1 g, 1 N s/m and 500 N/m, and differs much.
@@ -84,6 +85,7 @@ def loaded(voltage: Block, freq: float, q: float, phi2: Block, finger: Finger) -
     return y / stiff
 
 
+@public
 def plate(
     x,
     y,

@@ -16,12 +16,13 @@ import numpy as np
 from ..core.graph import kind, pack
 from ..core.packages import package
 from ..core.program import PARAMS, Program, check_memory, design_of, first_states, lead, number, program_of, rate
-from ..errors import BadValue, SceneError, StimlibError, UnknownName
+from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
 from .copies import Copies
 from .given import columns, explain, key
 from .plan import Plan, PlanRow
 
 if TYPE_CHECKING:
+    from ..core.scene import Scene
     from ..targets.jax.function import Function
 
 logger = logging.getLogger(__name__)
@@ -41,12 +42,13 @@ class Change(NamedTuple):
 
 
 @overload
-def compile(scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0) -> Processor: ...
+def compile(scene: Scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0) -> Processor: ...
 @overload
 def compile(
-    scene, fs: float, target: Literal["jax"], seed: int = 0, *, dtype: str = "float64", surrogate: float | None = None
+    scene: Scene, fs: float, target: Literal["jax"], seed: int = 0, *, dtype: str = "float64", surrogate: float | None = None
 ) -> Function: ...
-def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -> Processor | Function:
+@public
+def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **options) -> Processor | Function:
     """Turn a scene into a streaming processor, or into a function for batches and gradients.
 
     Parameters
@@ -95,6 +97,7 @@ def compile(scene, fs: float, target: str = "numba", seed: int = 0, **options) -
     return Processor(scene, fs, target, seed)
 
 
+@public
 class Processor:
     """A compiled scene: a pure function of (state, input block) with the state kept inside.
 
@@ -112,7 +115,7 @@ class Processor:
     before sample 0 again.
     """
 
-    def __init__(self, scene, fs: float, target: str = "numba", seed: int = 0, begun: Processor | None = None):
+    def __init__(self, scene: Scene, fs: float, target: str = "numba", seed: int = 0, begun: Processor | None = None):
         began = time.perf_counter()
         fs = rate(fs)
         if target == "jax":

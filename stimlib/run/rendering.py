@@ -16,7 +16,7 @@ from ..core.bounds import limits
 from ..core.packages import package
 from ..core.program import warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, UnknownName
+from ..errors import BadValue, FaultError, UnknownName, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from .processor import Processor
 from .walk import rows_of, samples, walk
@@ -33,6 +33,7 @@ def fault_text(name: str, at: int, fs: float, then: str) -> str:
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
 
 
+@public
 def stream(
     scene: Scene | Processor,
     motion: Motion | None = None,
@@ -90,6 +91,8 @@ def stream(
         proc = scene
     else:
         raise BadValue("stream: a Processor has its own fs, params and seed: give a Scene with them, or the Processor without")
+    if block < 1:
+        raise BadValue(f"stream: block = {block} must be at least 1 sample")
     frames, sources = _plan(proc, motion, seconds)
     warn_beyond(proc.program, proc.fs, frames)
     warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
@@ -120,7 +123,7 @@ def _tell(fault: tuple[str, int] | None, fs: float, on_fault: str) -> None:
     text = fault_text(*fault, fs, "from there on it is not the scene's but a fade to 0")
     if on_fault == "raise":
         raise FaultError(text)
-    warnings.warn(text, RuntimeWarning, stacklevel=3)
+    warnings.warn(text, RuntimeWarning, stacklevel=outside())
 
 
 def _plan(proc: Processor, motion: Motion | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
@@ -297,6 +300,7 @@ class Rendering:
         return display.Audio(y / (np.abs(y).max() or 1.0), rate=round(self.fs), normalize=False)
 
 
+@public
 def render(
     scene: Scene,
     motion: Motion | None = None,

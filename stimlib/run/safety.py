@@ -16,7 +16,7 @@ import numpy as np
 from ..blocks.actuator import ForceLimit, Tally, slew_limit, static_limit
 from ..core.graph import Block, Const, Guard, Mul, Param
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, UnitError, UnknownName
+from ..errors import BadValue, SceneError, UnitError, UnknownName, public
 
 GAIN = "sink_gain"
 """The parameter of the fade: 1 while a session plays, on its way to 0 when it is stopped or the hand is away."""
@@ -25,6 +25,7 @@ STEPS = 128
 """A fade has at least so many samples, so that full scale ends in steps of less than 1 % at every sample rate."""
 
 
+@public
 @dc.dataclass(frozen=True)
 class Safety:
     """What a sink holds every output to; it cannot be taken off.
@@ -56,8 +57,8 @@ class Safety:
     True
     """
 
-    full_scale: float | Mapping[str, float]
-    slew: float | Mapping[str, float] | None = None
+    full_scale: float | str | Mapping[str, float]
+    slew: float | str | Mapping[str, float] | None = None
     peak: float | None = None
     static: float | None = None
     fade: float = 0.02
@@ -113,6 +114,7 @@ def _above_0(name: str, v: Any) -> float:
     return number
 
 
+@public
 def protect(scene: Scene, safety: Safety) -> Scene:
     """A scene whose outputs are safe for a device.
 

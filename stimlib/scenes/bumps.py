@@ -14,11 +14,12 @@ from ..blocks.bump import bump
 from ..blocks.carrier import carrier
 from ..blocks.equalise import equalize, points, within
 from ..blocks.maps import nonzero
-from ..core.graph import Input, Param, check_arguments, constant
+from ..core.graph import Input, Param, constant
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 
+@public
 def bumps(
     waveform: str | np.ndarray = "square",
     bumps: float = 6,
@@ -89,7 +90,7 @@ def bumps(
     >>> bumps("sine", bumps=18, duty=0.2, amplitude=7.5, contact=True)
     Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
     """
-    given = check_arguments(globals()["bumps"], locals())  # bumps is their number here
+    given = dict(locals())
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
         if not value > 0:
             raise BadValue(f"bumps: {name} = {value!r} must be above 0")
@@ -130,6 +131,7 @@ class Stimulus(NamedTuple):
         return 30e-6 * self.amplitude
 
 
+@public
 def bumps_set() -> list[Stimulus]:
     """The 81 stimuli of the experiment, in the order in which the paper names its parameters.
 

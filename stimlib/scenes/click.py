@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from ..blocks import button, ring, rising
 from ..blocks import wall as bottom
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def click(
     peak: float = 2.0,
     drop: float = 0.4,
@@ -60,7 +62,7 @@ def click(
     >>> click(peak=1.0)
     Scene(x [m], peak [N], A [N] -> force [N])
     """
-    given = check_arguments(click, locals())
+    given = dict(locals())
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     key = button(x, Param("peak", peak, "N"), drop, at, back, touching)
     vibration = Param("A", A, "N") * ring(rising(key.pressed), freq, decay)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from math import pi
 
 from .. import blocks
-from ..core.graph import Input, Param, check_arguments, constant
+from ..core.graph import Input, Param, constant
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 
+@public
 def detents(
     count: int = 24, depth: float = 0.02, friction: float = 0.004, presliding: float = 0.01, contact: bool = False
 ) -> Scene:
@@ -48,7 +49,7 @@ def detents(
     >>> detents(count=12)
     Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
     """
-    given = check_arguments(detents, locals())
+    given = dict(locals())
     for name, value in (("count", count), ("friction", friction), ("presliding", presliding)):
         if not value > 0:
             raise BadValue(f"detents: {name} = {value!r} must be above 0")

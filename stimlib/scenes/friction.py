@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .. import blocks
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def friction(
     normal: float = 1.0, static: float = 0.8, kinetic: float = 0.5, stiffness: float = 1000.0, contact: bool = False
 ) -> Scene:
@@ -43,7 +45,7 @@ def friction(
     >>> friction(static=0.6)
     Scene(x [m], normal [N] -> force [N])
     """
-    given = check_arguments(friction, locals())
+    given = dict(locals())
     touching = Input("contact") if contact else 1.0
     N = Param("normal", normal, "N")
     return Scene(

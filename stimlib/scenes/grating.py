@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from ..blocks.places import grating as ribs
 from ..blocks.places import spatial_noise
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def grating(
     depth: float = 0.2,
     coarse: float = 2e-3,
@@ -62,7 +64,7 @@ def grating(
     >>> grating(coarse=1e-3, contact=True)
     Scene(x [m], contact [1], depth [N], fine_depth [N], roughness [N] -> force [N])
     """
-    given = check_arguments(grating, locals())
+    given = dict(locals())
     x = Input("x", "m")
     on = Input("contact") if contact else 1.0
     force = Param("depth", depth, "N") * ribs(x, [(coarse, 1.0, 0.0)], contact=on)

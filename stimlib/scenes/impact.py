@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from .. import blocks
 from ..blocks import maximum, ring, rising, velocity
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def impact(
     k: float = 1000.0, b: float = 0.0, A: float = 20.0, freq: float = 150.0, decay: float = 0.01, cutoff: float = 500.0,
     contact: bool = False,
@@ -50,7 +52,7 @@ def impact(
     >>> impact(freq=300.0)
     Scene(x [m], k [N/m], A [N*s/m] -> force [N])
     """
-    given = check_arguments(impact, locals())
+    given = dict(locals())
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     wall = blocks.wall(x, Param("k", k, "N/m"), b, contact=touching)
     struck = rising(x) * maximum(velocity(x, cutoff, touching), 0)

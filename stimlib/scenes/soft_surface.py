@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, triangle, vibration
 from ..blocks.stiffness import as_levels
-from ..core.graph import Block, Input, Param, as_block, check_arguments, constant
+from ..core.graph import Block, Input, Param, as_block, constant
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, public
 from ..soft.maps import block
 
 MODES = ("cursor", "deformation", "combined", "vibration", "multipoint")
 DEVICES = ("pen", "mouse")
 
 
+@public
 def soft_surface(
     mode: str = "combined",
     device: str = "pen",
@@ -76,7 +77,7 @@ def soft_surface(
     >>> soft_surface("cursor", device="mouse")
     Scene(x [m], y [m], push [N] -> x1 [m], y1 [m], force [N])
     """
-    given = check_arguments(soft_surface, locals())
+    given = dict(locals())
     for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
         if value not in known:
             raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")

@@ -21,10 +21,12 @@ from ..blocks import (
     velocity,
 )
 from ..core import bounds
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def squeeze(
     k: float = 2000.0,
     A: float = 3.4,
@@ -84,7 +86,7 @@ def squeeze(
     >>> squeeze(fingers=1)
     Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
     """
-    given = check_arguments(squeeze, locals())
+    given = dict(locals())
     bounds.limits.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period

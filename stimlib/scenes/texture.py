@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from ..blocks.impedance import velocity
 from ..blocks.texture import texture as texture_block
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
 from ..design.texture import TextureModel, made_up
 from ..design.texture_file import load_texture
+from ..errors import public
 
 
+@public
 def texture(
     model=None,
     level: float = 1.0,
@@ -49,7 +51,7 @@ def texture(
     >>> texture()
     Scene(x [m], force [N], level [1] -> acceleration [m/s**2])
     """
-    given = check_arguments(texture, locals())
+    given = dict(locals())
     if not isinstance(model, TextureModel):
         model = made_up() if model is None else load_texture(model)
     given |= {"model": model}

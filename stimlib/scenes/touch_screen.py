@@ -14,9 +14,9 @@ from ..blocks.carrier import carrier
 from ..blocks.equalise import equalize
 from ..blocks.maps import nonzero
 from ..blocks.plates import amplifier, pole_swap
-from ..core.graph import Input, Param, check_arguments, constant
+from ..core.graph import Input, Param, constant
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, outside, public
 from ..plate.model import Plate, check_plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
@@ -25,6 +25,7 @@ KNOTS = np.linspace(0.0, 1.0, 5)
 """Where the thesis measures displacement, in parts of the explored length."""
 
 
+@public
 def touch_screen(
     waveform: str | np.ndarray = "half_sine",
     bumps: float = 6,
@@ -94,7 +95,7 @@ def touch_screen(
     >>> touch_screen(swap=4)
     Scene(x [m], A [V], duty [1], freq [1/s] -> voltage [V], displacement [m])
     """
-    given = check_arguments(touch_screen, {k: v for k, v in locals().items() if k != "model"} | {"model": None})
+    given = dict(locals())
     for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
         if not value > 0:
             raise BadValue(f"touch_screen: {name} = {value!r} must be above 0")
@@ -131,7 +132,7 @@ def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -
             f"{100 * np.mean(shown != asked):.0f} % of the samples there are held, and {100 * (1 - other / one):.0f} % of the "
             "vibration is lost; give a smaller amplitude, gain or swap",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=outside(),
         )
 
 

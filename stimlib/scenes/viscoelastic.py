@@ -8,13 +8,15 @@ from __future__ import annotations
 from math import pi
 
 from ..blocks import equal_force, springpot
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Derivative orders of the thesis' reference stimuli (section 4.1)."""
 
 
+@public
 def viscoelastic(
     alpha: float = 0.5,
     chi_0: float = 300.0,
@@ -60,7 +62,7 @@ def viscoelastic(
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
     """
-    given = check_arguments(viscoelastic, locals())
+    given = dict(locals())
     y = Input("y", "m")
     chi = equal_force(chi_0, 0.0, alpha, w)
     touching = Input("contact") if contact else None

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .. import blocks
-from ..core.graph import Input, Param, check_arguments
+from ..core.graph import Input, Param
 from ..core.scene import Scene
+from ..errors import public
 
 
+@public
 def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = False) -> Scene:
     """Force of a stiff wall with a damper beyond a place: F = max(0, k p + b v) where p = x - at > 0.
 
@@ -39,7 +41,7 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
     >>> wall(k=500.0)
     Scene(x [m], k [N/m], b [N*s/m] -> force [N])
     """
-    given = check_arguments(wall, locals())
+    given = dict(locals())
     touching = Input("contact") if contact else 1.0
     force = blocks.wall(Input("x", "m"), Param("k", k, "N/m"), Param("b", b, "N*s/m"), at, contact=touching)
     return Scene({"force": force}, law="wall", given=given)

@@ -16,7 +16,7 @@ from ..blocks.stiffness import Levels, table_of
 from ..core import bounds, regular
 from ..core.graph import design_value
 from ..core.packages import package
-from ..errors import BadValue
+from ..errors import BadValue, public
 
 BLOCK = 0.12
 """Side of the silicone block of Li et al. (2016), in m: 120 x 120 x 25 mm."""
@@ -36,6 +36,7 @@ that stays what it is when sides or nodules are exchanged.
 """
 
 
+@public
 def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Levels:
     """A map from measured levels.
 
@@ -60,6 +61,7 @@ def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Lev
     return table_of("array", levels, width, height)
 
 
+@public
 def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | None = None) -> Levels:
     """A map from a PNG picture: white is hard (1), black as soft as the object (0), the lowest row at y = 0.
 
@@ -113,6 +115,7 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
     return table_of(str(path), np.clip(grey[::-1], 0.0, 1.0), width, height)
 
 
+@public
 def nodules(
     balls: Sequence[tuple[float, ...]], width: float = BLOCK, height: float = BLOCK, spacing: float = 0.002, shape: str = "ball"
 ) -> Levels:
@@ -184,6 +187,7 @@ def _ball(ball: Any) -> tuple[float, float, float, float]:
     return x, y, b, z
 
 
+@public
 def sides(left: str, right: str) -> Levels:
     """The block of the experiment with a mouse: what is under the middle of each half.
 
@@ -214,6 +218,7 @@ def sides(left: str, right: str) -> Levels:
     return nodules([(x, 0.06, b) for x, b in found if b is not None])
 
 
+@public
 def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
     """The silicone block with its nodules A, B and C, turned about its middle.
 
@@ -243,6 +248,7 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
     return nodules([(*places[name], b) for name, b in RADII.items()], spacing=spacing)
 
 
+@public
 def buried(turn: float = 0.0) -> dict[str, tuple[float, float]]:
     """Where the nodules A, B and C of `block` are, (x, y) in m.
 

@@ -18,7 +18,7 @@ from ..core.graph import Input, design_value
 from ..core.packages import package
 from ..core.progress import progress
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, public
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
 from .maps import BLOCK, nodes
@@ -42,6 +42,7 @@ def _dents(count: int, radius: float, join: str) -> Processor:
     return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
 
 
+@public
 def surface(
     indenters: Sequence[tuple[float, float, float]],
     width: float = BLOCK,
@@ -142,6 +143,7 @@ def _axes(figure: Figure) -> Any:
     return axes
 
 
+@public
 def picture(
     result: Rendering,
     at: float | None = None,
@@ -207,6 +209,7 @@ def _sample(result: Rendering, name: str, seconds: float) -> int:
     return min(round(seconds * result.fs), result.y.shape[1] - 1)
 
 
+@public
 def film(
     result: Rendering,
     path: str | os.PathLike[str],

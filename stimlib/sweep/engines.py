@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from ..core.packages import package
 from ..core.pool import Pool, TimedOut, WorkerDied
-from ..errors import BadValue, MissingPackage, SinkError
+from ..errors import BadValue, MissingPackage, SinkError, outside
 from .drive import Death
 from .plan import Plan, versions
 from .work import NO_SCENE, Motions, Runner, as_bytes, begin, differing, from_bytes, run_kept
@@ -191,7 +191,7 @@ class Cluster:
                 look, said = time.monotonic() + LONELY, not self._client.nthreads()
                 if said:
                     text = f"the cluster at {self._client.scheduler.address} has no workers: the sweep waits for some to come"
-                    warnings.warn(f"{text} (look at its queue, or stop with Ctrl-C)", RuntimeWarning, stacklevel=5)
+                    warnings.warn(f"{text} (look at its queue, or stop with Ctrl-C)", RuntimeWarning, stacklevel=outside())
 
 
 def _distributed() -> Any:

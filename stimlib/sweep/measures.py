@@ -15,7 +15,7 @@ from ..analysis.cues import Cues, cues_of
 from ..checks.verify import verify
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, StimlibError, UnknownName
+from ..errors import BadValue, StimlibError, UnknownName, public
 from ..motion.source import positions, sources_of
 from ..run.rendering import Rendering
 
@@ -51,6 +51,7 @@ class Measure:
         return values
 
 
+@public
 def measure(
     unit_: str | None = None,
     /,
@@ -149,6 +150,7 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
     return found
 
 
+@public
 def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Measure) -> dict[str, float]:
     """The figures of one rendering, as a sweep has them.
 

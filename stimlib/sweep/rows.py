@@ -15,7 +15,7 @@ from ..core.bounds import limits
 from ..core.packages import package
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, UnitError, UnknownName, shortened
+from ..errors import BadValue, UnitError, UnknownName, public, shortened
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,6 +29,7 @@ def arrow(module: str = "pyarrow") -> Any:
     return package(module, "a sweep", "'stimlib[sweep]'")
 
 
+@public
 def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     """Every combination of the values of some columns; the last column changes fastest.
 

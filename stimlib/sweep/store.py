@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from ..core import regular
-from ..errors import BadValue, SinkError, StimlibError
+from ..errors import BadValue, SinkError, StimlibError, outside
 from .plan import KEY
 from .rows import arrow
 
@@ -100,7 +100,7 @@ class Store:
         for path in (path for path, table in parts.items() if table is None):
             os.replace(path, aside := path.with_suffix(".damaged"))
             text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
-            warnings.warn(text, RuntimeWarning, stacklevel=4)
+            warnings.warn(text, RuntimeWarning, stacklevel=outside())
         for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
             left.unlink(missing_ok=True)
 

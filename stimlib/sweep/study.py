@@ -19,7 +19,7 @@ from ..core.pool import Pool, WorkerDied, ended, note, terminable
 from ..core.program import rate, warn_beyond
 from ..core.progress import progress as bar
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError
+from ..errors import BadValue, SceneError, outside, public
 from ..motion.source import sources_of, warn_fast
 from ..run.rendering import Rendering
 from .drive import drive, joined
@@ -67,6 +67,7 @@ def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds < 100 else f"{seconds / 60:.3g} min" if seconds < 6000 else f"{seconds / 3600:.3g} h"
 
 
+@public
 def sweep(
     make: Scene | Callable[..., Scene],
     rows: Any,
@@ -190,6 +191,7 @@ def sweep(
         return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
 
+@public
 def rendering(
     make: Scene | Callable[..., Scene],
     rows: Any,
@@ -300,7 +302,7 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
 
 def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
     for text in found.warned:
-        warnings.warn(text, RuntimeWarning, stacklevel=4)
+        warnings.warn(text, RuntimeWarning, stacklevel=outside())
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
         make, _asked(words), found.units, words["fs"], words["seconds"], found.roles, versions(), found.key,

@@ -262,7 +262,7 @@ def test_units_are_checked(make, match):
         (lambda: motor_current(F, X, 10.0, ([0.0, 1.0], [0.5, np.nan])), "value 1 is not"),
         (lambda: motor_current(F, X, 10.0, ([0.0, 0.0], [0.5, 0.5])), "rise"),
         (lambda: motor_current(F, X, 10.0, ([0.0, 1.0, 2.0], [0.5, 0.5])), "one length"),
-        (lambda: motor_current(F, X, 10.0, ([0.0, 1.0],)), "pair"),
+        (lambda: motor_current(F, X, 10.0, ([0.0, 1.0],)), "geometry = .* must be a tuple"),
         (lambda: motor_current(F, X, 10.0, kind="cubic"), "pchip or linear"),
     ],
 )

@@ -287,7 +287,7 @@ def test_a_deep_product_is_looked_through_once():
 @pytest.mark.parametrize(
     ("make", "error", "text"),
     [
-        (lambda: b.crossing(X, 0.0), BadValue, "Crossing.spacing = 0.0 must be above 0"),
+        (lambda: b.crossing(X, 0.0), BadValue, "crossing: spacing = 0.0 must be above 0"),
         (lambda: b.crossing(X, 1.0, -1.0), BadValue, "hysteresis = -1 must be 0 or above"),
         (lambda: b.hysteresis(X, 0.0, 1.0), BadValue, "off = 1 must not be above on = 0"),
         (lambda: b.rising(Input("v", "m/s"), Input("w", "m")), UnitError, "cannot compare"),

@@ -188,7 +188,7 @@ def test_a_resonance_has_the_width_and_the_ring_of_its_docstring(make, fs):
         (lambda: b.sos(X, [[1, 0, 0, 1, -2.1, 1.2]]), "section 0 is not stable"),
         (lambda: b.sos(X, [[1, 0, 0, 1, 0, 0], [1, 0, 0, 1, -1, 0]]), "section 1 is not stable"),
         (lambda: b.sos(X, [[1, 0, 0, -1, 1, 0]]), "section 0 is not stable"),
-        (lambda: b.resonator(X, 0, 2), "Resonator.freq = 0.0 must be above 0"),
+        (lambda: b.resonator(X, 0, 2), "resonator: freq = 0.0 must be above 0"),
         (lambda: b.svf(X, 100, mode="low"), "mode = 'low'; choose one of lowpass"),
         (lambda: b.svf(X, Param("f", -3.0, "Hz")), "cutoff = -3.0 must be above 0"),
         (lambda: b.integrate(X, -1), "leak = -1 1/s must be 0 or above"),

@@ -170,10 +170,10 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
         (lambda: b.oscillator(100, "square", Input("d", "m")), UnitError, "duty .* must have no unit"),
         (lambda: b.pulse_train(10, Input("j", "s")), UnitError, "jitter .* part of a period"),
         (lambda: b.chirp(10, 20, 1, "cubic"), BadValue, "kind = 'cubic'; choose one of linear, exponential"),
-        (lambda: b.chirp(0, 20, 1), BadValue, "Chirp.f0 = 0.0 must be above 0"),
-        (lambda: b.at("noon"), BadValue, "At.times must be numbers"),
+        (lambda: b.chirp(0, 20, 1), BadValue, "chirp: f0 = 0.0 must be above 0"),
+        (lambda: b.at("noon"), BadValue, "at: times must be numbers"),
         (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
-        (lambda: b.playback([1.0], 0), BadValue, "Playback.rate = 0.0 must be above 0"),
+        (lambda: b.playback([1.0], 0), BadValue, "playback: rate = 0.0 must be above 0"),
         (
             lambda: b.playback([1.0], 8000, at=Input("x", "m")),
             UnitError,

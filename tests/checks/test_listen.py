@@ -44,7 +44,7 @@ def test_what_cannot_be_heard_is_refused_and_nothing_is_written(rendering, tmp_p
     with pytest.raises(UnknownName, match="there is force, still"):
         listen(rendering, "x", tmp_path / "a.wav")
     for cutoff in (0, FS / 2, float("nan")):
-        with pytest.raises(BadValue, match="below fs/2 = 1000 Hz"):
+        with pytest.raises(BadValue, match="listen: cutoff = .*(below fs/2 = 1000 Hz|is not finite)"):
             listen(rendering, "force", tmp_path / "a.wav", cutoff)
     assert list(tmp_path.iterdir()) == []
 

@@ -175,7 +175,7 @@ def test_life_in_the_wrong_order():
     "arguments, error, text",
     [
         ({"rate": 0}, BadValue, "sample rate"),
-        ({"rate": None}, BadValue, "fs must be a number"),
+        ({"rate": None}, BadValue, "fs = None must be a number"),
         ({"rate": FS, "channels": 1}, BadValue, "fewer"),
         ({"rate": FS, "channels": ["a", "c"]}, UnknownName, "no output 'c'"),
         ({"rate": FS, "channels": "a"}, BadValue, "list"),

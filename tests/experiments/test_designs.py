@@ -168,7 +168,10 @@ def test_interleaved_tracks_take_turns_at_random():
 def test_listed_trials_come_each_as_often_as_asked():
     task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
     shown = [
-        t for t, _ in observed(Listed(((task, "red"), (task, "green")), 50), 3, lambda t, r: Answer({"bouncier": "red"}), None)
+        t
+        for t, _ in observed(
+            Listed(((task, "red"), (task, "green")), 50), 3, lambda t, r: Answer({"bouncier": "red"}), stream(1, "observer")
+        )
     ]
     names = [t.stimuli[0].name for t in shown]
     assert names.count("red") == names.count("green") == 50 and names[:50].count("red") not in (0, 50)
@@ -178,19 +181,35 @@ def test_listed_trials_come_each_as_often_as_asked():
 def test_each_repeat_by_itself_and_as_listed():
     tasks = tuple((Show(f"{i}", ("rough",), Stimulus("bumps")), None) for i in range(8))
     rate = lambda t, rng: Answer({"rough": 4})  # noqa: E731
-    each = [t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, None)]
+    each = [t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, stream(1, "observer"))]
     assert [sorted(each[i : i + 8]) for i in (0, 8, 16)] == 3 * [[str(i) for i in range(8)]]
     assert each[:8] != each[8:16]
-    assert [t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, None)] == 2 * [str(i) for i in range(8)]
-    assert [t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, None)] != each[:8]  # another participant, another order
+    assert [t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, stream(1, "observer"))] == 2 * [
+        str(i) for i in range(8)
+    ]
+    assert [t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, stream(1, "observer"))] != each[
+        :8
+    ]  # another participant, another order
 
 
 def test_parts_rest_between_and_nowhere_else():
     part = Listed(((Show("a", ("rough",), Stimulus("bumps")), None),), repeats=2, training=True)
-    trials = [t for t, _ in observed(Parts({"1": part, "2": part}, pause=60.0), 1, lambda t, r: Answer({"rough": 1}), None)]
+    trials = [
+        t
+        for t, _ in observed(
+            Parts({"1": part, "2": part}, pause=60.0), 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer")
+        )
+    ]
     assert [t.pause for t in trials] == [0.0, 0.0, 60.0, 0.0] and [t.track for t in trials] == ["1", "1", "2", "2"]
     nested = Parts({"a": Parts({"1": part, "2": part}, pause=60.0), "b": part}, pause=90.0)
-    assert [t.pause for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), None)] == [0.0, 0.0, 60.0, 0.0, 90.0, 0.0]
+    assert [t.pause for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer"))] == [
+        0.0,
+        0.0,
+        60.0,
+        0.0,
+        90.0,
+        0.0,
+    ]
     assert all(t.training for t in trials) and trials[0].stimuli[0].seed != trials[2].stimuli[0].seed
 
 
@@ -258,7 +277,9 @@ def test_graeco_latin_squares_are_orthogonal(n):
 
 
 def test_squares_that_are_none():
-    for n in (1, 2, 6, 33, 4.0):
+    with pytest.raises(BadValue, match="graeco_latin: n = 4.0 must be a whole number"):
+        graeco_latin(4.0)
+    for n in (1, 2, 6, 33):
         with pytest.raises(BadValue, match=f"graeco_latin.{n}.*take one that has a square"):
             graeco_latin(n)
     square = graeco_latin(4)
@@ -291,7 +312,7 @@ def test_turns_go_by_the_number_of_the_participant():
     assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0] and turn_of("G2-P03", 4) == 2
     with pytest.raises(BadValue, match="number at the end"):
         turn_of("Anna", 3)
-    assert sorted(shuffled(1, "x", "abc")) == ["a", "b", "c"]
+    assert sorted(shuffled(1, "x", ["a", "b", "c"])) == ["a", "b", "c"]
 
 
 @pytest.mark.parametrize(

@@ -203,7 +203,7 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
         ),
         (lambda t: simulate(experiment(), Psychometric(2.0, 1.0), 0), "participant"),
         (lambda t: simulate(experiment(), {"P01": Psychometric(2.0, 1.0)}, 2), "P02"),
-        (lambda t: power(experiment(), None, None, 1, experiments=0), "experiments"),
+        (lambda t: power(experiment(), lambda rng: None, lambda found: None, 1, experiments=0), "experiments"),
         (lambda t: distances({}, [0, 1]), "one cue"),
         (lambda t: distances({"a": [1, 2]}, [0, 2]), "0 and 1"),
         (lambda t: distances({"a": [1, 2, 3]}, [0, 1]), r"\(3,\)"),

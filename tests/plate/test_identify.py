@@ -122,7 +122,7 @@ def test_arguments_that_make_no_sense_are_told():
         (lambda: identify(u, y, FS, quantity="force"), "displacement, velocity"),
         (lambda: identify(u, y * np.nan, FS), "not finite"),
         (lambda: identify([], [], FS), "same samples"),
-        (lambda: identify(u, 1j * y, FS), "rows of numbers"),
+        (lambda: identify(u, 1j * y, FS), "identify: response = "),
         (lambda: identify(u, y, 0.0), "fs = 0.0"),
         (lambda: identify(u, y, FS, band=(200, 100)), "the lower one first"),
         (lambda: identify(u, y, "2000"), "fs = '2000'"),

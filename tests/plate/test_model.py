@@ -177,7 +177,7 @@ def test_a_plate_answers_several_threads_at_once_with_the_same_bits():
         ({"patches": (Patch.duraact(0.002, 0.05),)}, "hangs over the edge"),
         ({"patches": (Patch.duraact(0.05, 0.05), Patch.duraact(0.06, 0.05))}, "lie on each other"),
         ({"terms": 3}, "from 4 to 40"),
-        ({"patches": None}, "sequence of Patch"),
+        ({"patches": None}, "patches = None must be a tuple"),
     ],
 )
 def test_what_makes_no_plate_is_told(more, match):
@@ -205,7 +205,7 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: Patch(0.1, 0.1, 0.0, 0.01, -1e-10, 1e-4), "length = 0.0"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -180, 1e-4), "-180e-12"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 0.2), "sizes are in m"),
-        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -np.inf, 1e-4), "d31 = -inf must be a number"),
+        (lambda: Patch(0.1, 0.1, 0.02, 0.01, -np.inf, 1e-4), "d31 = -inf is not finite"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, side=0), "upper side"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, cover_nu=-1.1), "Poisson"),

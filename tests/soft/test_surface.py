@@ -68,14 +68,14 @@ def test_a_film_takes_as_long_as_the_movement(tmp_path):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: surface([("a", 0, 0)]), "three finite numbers"),
+        (lambda: surface([("a", 0, 0)]), "indenters = .* must be a list"),
         (lambda: surface([(0, 0, 1)], width=np.inf), "surface: width"),
         (lambda: surface([(0, 0, 1)], spacing=1e-320), "limits.map_points"),
         (lambda: surface([(0, 0, 1)], radius=0.0), "radius = 0.0"),
         (lambda: film(RESULT, "a.gif", fps=60), "50 pictures a second"),
         (lambda: film(RESULT, "a", fps=1e300), "limits.render_bytes"),
         (lambda: film(RESULT, "a", start=0.2, stop=0.1), "before start"),
-        (lambda: surface([(0, 0)]), "three finite numbers"),
+        (lambda: surface([(0, 0)]), "indenters = .* must be a list"),
         (lambda: surface([(0, 0, np.nan)]), "three finite numbers"),
         (lambda: surface([(0, 0, 1)], spacing=1e-5), "limits.map_points"),
         (lambda: surface([(0, 0, 1)], width=-1.0), "width"),
