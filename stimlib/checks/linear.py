@@ -267,7 +267,7 @@ def _series(b, fs):
 
 
 # The laws ----------------------------------------------------------------------------------------------------------------
-FREE = 1e-10  # of the largest row: what is left beside a state that is not known
+FREE = 1e-12  # of the largest row: what is left beside a state that is not known
 SHORT = 512  # samples of a response that are summed one by one
 START = 1e-5  # of a state that is drawn: what its factor may lose
 

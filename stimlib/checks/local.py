@@ -23,7 +23,7 @@ from . import linear as linear  # it enters its laws into those of rows
 from .evidence import Check, Evidence, ramped
 from .rows import Rows
 
-FIRST, LATER, PLACES = 1 << 14, 1 << 12, 4  # samples that are looked at: the first, and stretches that the seed places
+FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4  # samples that are looked at: the first, and stretches that the seed places
 FADED = 1e-180  # what a loop counts as 0
 GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate

@@ -387,7 +387,7 @@ def _bump(b, fs, x, y):
     ends = [laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble)) for v in (last, x[0])]
     mean = (ends[1] - ends[0]) / np.where(still, 1, x[0].astype(np.longdouble) - last)
     want = np.where(still, np.where(z < 1, wave, 0), mean.astype(float))
-    lost = (4e-16 + 4e-19 * np.abs(x[0])) / np.where(still, np.inf, d * way)  # of a difference of integrals, the block's and this
+    lost = np.where(still, 1e-18 / d**2, (4e-16 + 4e-19 * np.abs(x[0])) / np.where(still, 1, d * way))  # the block's, and this
     edge = np.minimum(np.abs(z - 1), np.minimum(u, 1 - u) / d) < TIE
     return np.where(x[2] > 0, want, 0), np.where(still & edge, np.inf, 1e-9 + lost)
 

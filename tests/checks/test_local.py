@@ -80,13 +80,13 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
     """And the samples of one of them 1 part in 1000 larger are refused."""
     entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
     run = run_of(entry, n, moves(entry.scene(), n))
-    assert len(run.spans) == 1 + local.PLACES and sum(z - a for a, z in run.spans) == 1 << 15
+    assert len(run.spans) == 1 + local.PLACES and sum(z - a for a, z in run.spans) == local.FIRST + local.PLACES * local.LATER
     one = local._one
 
     def watch(block, run, seen):
         found, rest = one(block, run, seen), seen[-1].rows
         late = seen[-1]._replace(rows={**rest, id(block): 1.001 * rest[id(block)]})
-        if type(block).__name__ == entry.cls and found.samples > 1 << 14 and late.rows[id(block)].any():
+        if type(block).__name__ == entry.cls and found.samples > local.FIRST and late.rows[id(block)].any():
             spoiled.append(one(block, run, [*seen[:-1], late]).error > 1)
         return found
 
