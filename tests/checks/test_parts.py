@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -12,10 +13,16 @@ import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, SceneFileError, UnknownName, blocks, constant
 from stimlib.checks.session import verify_log
 from stimlib.core.parts import OWN
+from stimlib.experiments.bounciness import bounciness
 from stimlib.experiments.experiment import Experiment, Timing
+from stimlib.experiments.nodule_sizes import nodule_sizes
 from stimlib.experiments.present import present, program
 from stimlib.experiments.questions import choice
+from stimlib.experiments.roughness import roughness
+from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.experiments.ugrip import ugrip
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
 from stimlib.run.safety import Safety
@@ -290,3 +297,22 @@ def test_a_session_with_a_wrong_carrier_is_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(stimlib.scenes.bumps.__globals__, "carrier", lambda f, *a: honest(1.003 * f, *a))
     bad = [c.name for c in session(tmp_path / "wrong").checks if not c.passed]
     assert bad and all("voltage from" in n for n in bad), bad
+
+
+@pytest.mark.stress
+@pytest.mark.parametrize("make", [ugrip, bounciness, roughness, nodule_sizes])
+def test_sessions_of_the_papers_are_verified_trial_by_trial(make, tmp_path):
+    e, answers = make(), itertools.count()
+
+    def some(trial, rng):
+        if next(answers) == 4:
+            raise KeyboardInterrupt
+        return e.observer(trial, rng)
+
+    with suppress(KeyboardInterrupt), Session(e, tmp_path, "P01", 1, pilot=True) as session:
+        run(session, Simulated(session, some), "offline")
+    logs = sorted(tmp_path.rglob("*.stimlog"))
+    assert logs
+    for log in logs:
+        report = verify_log(read_log(log))
+        assert report.passed and any(c.group == "d" and " from " in c.name for c in report.checks), str(report)
