@@ -6,8 +6,8 @@ a complex recursion; nothing of a block's design or step is used.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from math import fmod
 from typing import Any
 
 import numpy as np
@@ -116,33 +116,43 @@ def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> 
 def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray) -> np.ndarray:
     """Mean force of a spring that falls to a part of its limit wherever it reaches it, slip by slip.
 
-    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.
+    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.  Where on a very short way
+    it slips is a matter of rounding, too: what was shown counts as far as that goes.
     """
     last, touching = ways(x, contact)
-    d, c, y, z = x - last, np.maximum(limit, 0) / k, np.zeros(x.size), 0.0
+    d, c, y, z = (x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), np.zeros(x.size), 0.0
     tie = 0.0  # what a slip too few or too many would change
-    for n in range(x.size):
-        if not touching[n] or c[n] == 0:
+    for n in np.flatnonzero(touching):
+        if not (n and touching[n - 1]) or c[n] == 0:
             z, tie = 0.0, 0.0
+        if c[n] == 0:
             continue
-        s, a, tooth, area = (1.0 if d[n] >= 0 else -1.0), abs(d[n]), c[n] * (1 - left), 0.0
+        tooth = c[n] * (1 - left)
         if tie:
-            now = [abs(k * (min(max(v, -c[n]), c[n]) + d[n] / 2) - shown[n]) for v in (z, z + tie)]
-            z = z + tie if now[1] < now[0] else z
-        z = min(max(z, -c[n]), c[n])
-        start, rest, tie = z, a, 0.0
-        while rest > (room := c[n] - s * z):
-            area, rest, z = area + room * (z + s * c[n]) / 2, rest - room, s * (c[n] - tooth)
-            if rest > MANY * tooth:  # teeth that are smaller than what the way can tell would never end
-                whole = rest - (fmod(rest, tooth) if tooth and np.isfinite(rest) else 0.0)
-                area, rest = area + whole * s * (c[n] - tooth / 2), rest - whole
-        area, z = area + rest * (z + s * rest / 2), z + s * rest
+            z = min((z, z + tie), key=lambda v: abs(k * _sawtooth(v, d[n], c[n], tooth)[0] - shown[n]))
+        mean, z = _sawtooth(z, d[n], c[n], tooth)
+        y[n], tie = k * mean, 0.0
+        if d[n] and abs(shown[n] - y[n]) <= k * tooth * 2.0**-49 * abs(x[n]) / abs(d[n]):
+            y[n] = shown[n]
         if abs(abs(z) - c[n]) < 1e-9 * c[n]:
             tie = -np.sign(z) * tooth
-        elif abs(abs(z) - (c[n] - tooth)) < 1e-9 * c[n] and a:
-            tie = s * tooth
-        y[n] = k * (area / a if a else start)
+        elif abs(abs(z) - (c[n] - tooth)) < 1e-9 * c[n] and d[n]:
+            tie = math.copysign(tooth, d[n])
     return y
+
+
+def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]:
+    """Mean deflection over a way d from z on, falling by a tooth wherever it reaches c, and the deflection at its end."""
+    s, a, area = (1.0 if d >= 0 else -1.0), abs(d), 0.0
+    start = z = min(max(z, -c), c)
+    rest = a
+    while rest > (room := c - s * z):
+        area, rest, z = area + room * (z + s * c) / 2, rest - room, s * (c - tooth)
+        if rest > MANY * tooth:  # teeth that are smaller than what the way can tell would never end
+            whole = rest - (math.fmod(rest, tooth) if tooth and math.isfinite(rest) else 0.0)
+            area, rest = area + whole * s * (c - tooth / 2), rest - whole
+    area, z = area + rest * (z + s * rest / 2), z + s * rest
+    return (area / a if a else start), z
 
 
 # The checks ------------------------------------------------------------------------------------------------------------

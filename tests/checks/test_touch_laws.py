@@ -67,6 +67,22 @@ def test_places_that_are_slips_to_rounding_are_proved():
     assert r.passed, str(r)
 
 
+def test_slips_that_a_rounding_places_are_proved():
+    """The limit shrinks under a finger that stands on it, and a slip falls into a way of 7e-15 m."""
+    x = np.r_[np.linspace(0.0, -0.02, 60) + 6.8e-15, -0.02, -0.02, -0.021]
+    for normal in (1.0, np.r_[np.full(50, 1.0), np.linspace(1.0, 0.3, 13)]):
+        shrinking = stimlib.Scene(
+            {"force": stimlib.blocks.stick_slip(stimlib.Input("x", "m"), stimlib.Input("n", "N"), 0.8, 0.5, 100.0)}
+        )
+        motion = {"x": x, "n": np.broadcast_to(normal, x.shape).copy()}
+        r = stimlib.verify(shrinking, motion, stimlib.render(shrinking, motion, 1000))
+        assert r.passed, str(r)
+    for d in (0.0, 1e-15, 1e-12):
+        places = {"x": np.r_[np.linspace(0, 0.008, 9), 0.008 + d, 0.008 + 3 * d, 0.01]}
+        r = stimlib.verify(friction(stiffness=100.0), places, stimlib.render(friction(stiffness=100.0), places, 1000))
+        assert r.passed, str(r)
+
+
 def test_a_law_says_of_another_wall_that_it_does_not_know_it():
     x = stimlib.Input("x", "m")
     scene = stimlib.Scene({"force": stimlib.blocks.wall(x, hunt_crossley=1.0)}, law="wall", given={"at": 0.0})
