@@ -116,8 +116,8 @@ def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> 
 def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray) -> np.ndarray:
     """Mean force of a spring that falls to a part of its limit wherever it reaches it, slip by slip.
 
-    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.  Where on a very short way
-    it slips is a matter of rounding, too: what was shown counts as far as that goes.
+    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.  Where on a very short
+    way it slips is a matter of rounding, too: what was shown counts as far as that goes.
     """
     last, touching = ways(x, contact)
     d, c, y, z = (x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), np.zeros(x.size), 0.0
