@@ -130,9 +130,12 @@ KINDS: dict[Any, tuple[str, Callable[[Any], bool]]] = {
 CLASSES = {
     "Any": "any value",
     "Block": "a block",
+    "Design": "a design, such as Staircase or Listed, which takes the task",
     "Levels": "a map (levels, width, height), as stimlib.soft.array makes it",
     "Scene": 'a Scene, such as Scene({"force": force})',
+    "Task": "a task, such as Pair",
     "TextureModel": "a TextureModel, as load_texture(path) reads it",
+    "Timing": "a Timing, such as Timing(interval=1.0)",
     "ndarray": "an array of numbers",
 }
 LISTS = {tuple: "a tuple (..)", list: "a list [..]", Sequence: "a list [..]", Collection: "a list [..]", Iterable: "a list [..]"}
@@ -146,7 +149,7 @@ def public(f: F) -> F:
     """Check the arguments of a public function, or of a class that users make, against their annotations.
 
     An argument of another kind is refused before the function runs, by the names of the function and of the argument.  An
-    error from within begins with the name of the function, too.
+    error from within begins with the name of the function, too, unless it begins with a line of an author's own code.
 
     Raises
     ------
@@ -185,13 +188,13 @@ def _checked(f: Any, name: str) -> Any:
             for where, value in bound.items():
                 hint, endless = hints()[where]
                 if not _fits(value, hint):
-                    wrong = BadValue(f"{where} = {shortened(value)} must be {_words(hint)}")
+                    wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
                     if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
                         raise wrong
                     live = wrong  # the block that gets it as a design number says more
                 if isinstance(value, int if endless else int | float) and not abs(value) <= sys.float_info.max:
                     what = "is not finite" if isinstance(value, float) else "is beyond what a float can hold"
-                    raise BadValue(f"{where} = {shortened(value)} {what}; give a finite number")
+                    raise BadValue(f"{name}: {where} = {shortened(value)} {what}; give a finite number")
             y = f(*given, **named)
             if live:
                 raise live
@@ -200,12 +203,17 @@ def _checked(f: Any, name: str) -> Any:
             raise
         except (BadValue, SceneError, UnknownName) as e:
             first, _, rest = str(e.args[0]).partition(": ")
-            if first in PUBLIC and rest.split(" ")[0].rstrip(":") in signature.parameters:
-                e.args = (f"{name}: {rest}", *e.args[1:])  # an argument that was passed on
+            makers = first.split(" or ")  # of a block that several functions make
+            passed_on = first in PUBLIC and rest.split(" ")[0].rstrip(":") in signature.parameters
+            if passed_on or (makers[1:] and name in makers):
+                e.args = (f"{name}: {rest}", *e.args[1:])
             elif not (
-                first.lower().startswith(name.lower()) or ("scene" in signature.parameters and "blocks" in PUBLIC.get(first, ""))
+                first.lower().startswith(name.lower())
+                or ("scene" in signature.parameters and "blocks" in PUBLIC.get(makers[0], ""))
+                or ".py:" in str(e.args[0])  # it begins with the place of an author's code
             ):
-                e.args = (f"{name}: {e.args[0]}", *e.args[1:])  # of a block in a scene the function that made it is named
+                said = rest if first in PUBLIC else e.args[0]
+                e.args = (f"{name}: {said}", *e.args[1:])  # of a block in a scene the function that made it is named
             raise
 
     return call

@@ -378,9 +378,9 @@ def twice():
         (lambda: loop(lambda y: y + constant(0.5, "m")), UnitError, "cannot add"),
         (lambda: loop(lambda y: None), BadValue, "NoneType"),
         (lambda: loop(lambda y: ()), BadValue, "returned no signal"),
-        (lambda: loop(Input("x")), BadValue, r"loop: Input\('x'\) is no function; give one of the last value"),
+        (lambda: loop(Input("x")), BadValue, r"loop: f = Input\('x'\) must be a function"),
         (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
-        (lambda: loop(lambda y: y, start=x), BadValue, "design number"),
+        (lambda: loop(lambda y: y, start=x), BadValue, r"loop: start = Input\('x'\) must be a number"),
         (lambda: Loop(x, x), BadValue, "needs its Last"),
         (lambda: Tap(x, x), BadValue, "needs its Loop"),
         (

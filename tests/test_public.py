@@ -425,7 +425,8 @@ def sensible(name: str, known: dict) -> dict[str, object]:
     short = name.split(".")[-1]
     given = dict(known.get(name, known.get(short, {})))
     for p in inspect.signature(PUBLIC[name]).parameters.values():
-        if p.default is p.empty and p.name not in given and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD):
+        needed = p.default is p.empty or (p.name == "motion" and name.startswith("stimlib.sweep"))  # scenes with inputs need one
+        if needed and p.name not in given and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD):
             given[p.name] = known[""].get(p.name, MISSING)
     return given
 

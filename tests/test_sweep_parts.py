@@ -239,7 +239,9 @@ def test_rows_that_cannot_be_meant_are_refused(rows, words, error, says):
 
 
 def test_there_is_no_row_before_the_first():
-    for at in (-1, 2, 0.0):
+    with pytest.raises(BadValue, match="rendering: at = 0.0 must be a whole number"):
+        rendering(SPRING, {"k": [1.0, 2.0]}, 0.0, motion=RUN["motion"], fs=8000)
+    for at in (-1, 2):
         with pytest.raises(BadValue, match=f"there is no row {at}: give a number from 0 to 1"):
             rendering(SPRING, {"k": [1.0, 2.0]}, at, motion=RUN["motion"], fs=8000)
 

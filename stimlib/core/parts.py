@@ -124,10 +124,10 @@ def plain(v: Any) -> Any:
     >>> plain({"a": np.float64(1.5), "b": (1, np.arange(3))})
     {'a': 1.5, 'b': [1, [0, 1, 2]]}
     """
-    if v is None or isinstance(v, (str, bool, int)) or fields.number(v):
-        return v
     if isinstance(v, (np.ndarray, np.generic)):
         return plain(v.tolist())
+    if v is None or isinstance(v, (str, bool, int)) or fields.number(v):
+        return v
     if isinstance(v, os.PathLike):
         return os.fspath(v)
     if isinstance(v, Mapping):

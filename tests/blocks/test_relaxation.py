@@ -473,8 +473,7 @@ def test_a_scene_file_keeps_every_bit(tmp_path):
 
 @pytest.mark.parametrize("arms", [50.0, None, np.ones(3), [50.0, 0.1], [(1.0, 2.0, 3.0)]])
 def test_arms_that_are_no_pairs_are_refused_by_name(arms):
-    pair = r"pairs? \(stiffness in N/m, time constant in s\), such as \[\(100.0, 0.1\)\]; got"
-    with pytest.raises(BadValue, match=rf"^generalized_maxwell: arms must be at least one {pair}"):
+    with pytest.raises(BadValue, match="^generalized_maxwell: arms = .* must be a list"):
         generalized_maxwell(Input("y", "m"), 10.0, arms)
-    with pytest.raises(BadValue, match=rf"^compliance_generalized_kelvin_voigt: elements must be {pair}"):
+    with pytest.raises(BadValue, match="^compliance_generalized_kelvin_voigt: elements = .* must be a list"):
         compliance_generalized_kelvin_voigt(Input("f", "N"), arms)

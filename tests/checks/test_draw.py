@@ -111,7 +111,7 @@ def test_refusals(tmp_path):
         draw(squeeze(), tmp_path / "a.jpg")
     with pytest.raises(BadValue, match="300 blocks are more than a picture can show.*plan"):
         draw(chain(300), tmp_path / "a.svg")
-    with pytest.raises(BadValue, match="expected a scene or a processor, got int 3"):
+    with pytest.raises(BadValue, match="draw: scene = 3 must be a Scene, such as .* or a Processor"):
         draw(3, tmp_path / "a.svg")
     with pytest.raises(SinkError, match="cannot write .*: No such file or directory"):
         draw(squeeze(), tmp_path / "missing" / "a.svg")

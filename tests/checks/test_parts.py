@@ -1,6 +1,7 @@
 """What a scene was asked for: its laws see wrong numbers in a factory, and hold in combinations, in trials and of one's own."""
 
 import dataclasses
+import inspect
 import itertools
 import json
 from contextlib import suppress
@@ -198,7 +199,7 @@ def test_a_law_that_fails_says_where(law, says):
     ("words", "says"),
     [
         ({"law": lambda x, p, fs: {}}, "write it with def"),
-        ({"law": 3}, "law = 3 must be a name, or a function"),
+        ({"law": 3}, "law = 3 must be"),
         ({"law": slope, "given": {"at": object()}}, "cannot be kept in a scene file"),
         ({"law": slope, "given": {"at": float("nan")}}, "cannot be kept in a scene file"),
     ],
@@ -237,11 +238,15 @@ def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_a
 
 
 # Trials ------------------------------------------------------------------------------------------------------------------
+def NEXT(participant, session):  # nothing here asks what comes next
+    raise NotImplementedError
+
+
 ASKED = choice("more", "?", "first", "second")
 
 
 def trial_of(scene, ramp=0.02, **words):
-    e = Experiment("pair", "1", {"s": scene}, None, (ASKED,), fs=FS, safety=Safety(1000.0), timing=Timing(0.2, 0.05, 0.0, ramp))
+    e = Experiment("pair", "1", {"s": scene}, NEXT, (ASKED,), fs=FS, safety=Safety(1000.0), timing=Timing(0.2, 0.05, 0.0, ramp))
     names = list(scene.params)
     pair = Stimulus("s", {n: 0.9 * scene.params[n].value for n in names[:1]}, 3), Stimulus("s", {}, 5)
     return e, Trial("a", pair, ("more",)), *program(e, Trial("a", pair, ("more",)))
@@ -261,7 +266,7 @@ def test_the_law_of_a_soft_surface_holds_in_a_long_trial_with_steep_ramps(mode):
     """The window's time is rounded, which a steep ramp makes larger."""
     words = {"mouse": {"device": "mouse"}, "frames": {"frames": True}}.get(mode, {"mode": mode})
     e = Experiment(
-        "pair", "1", {"s": stimlib.scenes.soft_surface(**words)}, None, (ASKED,), fs=500, safety=Safety(1000.0),
+        "pair", "1", {"s": stimlib.scenes.soft_surface(**words)}, NEXT, (ASKED,), fs=500, safety=Safety(1000.0),
         timing=Timing(12.0, 0.1, 0.0, 0.002),
     )  # fmt: skip
     scene, params = program(e, Trial("a", (Stimulus("s"), Stimulus("s")), ("more",)))
@@ -293,8 +298,9 @@ def test_a_session_with_a_wrong_carrier_is_refused(tmp_path, monkeypatch):
         return verify_log(read_log(folder))
 
     assert session(tmp_path / "right").passed
-    honest = stimlib.scenes.bumps.__globals__["carrier"]
-    monkeypatch.setitem(stimlib.scenes.bumps.__globals__, "carrier", lambda f, *a: honest(1.003 * f, *a))
+    of = inspect.unwrap(stimlib.scenes.bumps).__globals__
+    honest = of["carrier"]
+    monkeypatch.setitem(of, "carrier", lambda f, *a: honest(1.003 * f, *a))
     bad = [c.name for c in session(tmp_path / "wrong").checks if not c.passed]
     assert bad and all("voltage from" in n for n in bad), bad
 

@@ -73,7 +73,7 @@ def test_repeats_is_in_the_spec_and_checked(path):
     path.write_text(COARSE)
     r = recording(path, COLUMNS, time=MS, repeats="mean", max_speed=None)
     assert "repeats='mean'" in repr(r) and repr(eval(repr(r), {"recording": recording})) == repr(r)
-    with pytest.raises(BadValue, match="repeats must be"):
+    with pytest.raises(BadValue, match="repeats = 'first' must be one of"):
         recording(path, COLUMNS, time=MS, repeats="first")
 
 

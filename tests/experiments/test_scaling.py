@@ -73,7 +73,7 @@ def test_jnds_of_simulated_people_follow_their_line():
         (lambda: stevens([1, 2, 3], [1, 2, 0]), r"rating\[2\] = 0"),
         (lambda: jnd_from_dprime([1, 2], [0.1, 0.2, 0.3]), "increments must be"),
         (lambda: fechner([1, 2, 3], [2, 2, 2]), "all ratings are 2"),
-        (lambda: line([1, 2, "x"], [2, 2, 2]), "rows of numbers"),
+        (lambda: line([1, 2, "x"], [2, 2, 2]), "line: x = .* must be a list of numbers"),
         (lambda: jnd_from_dprime([], []), "no d'"),
         (lambda: jnd_from_dprime([1, 2], [0.0, 0.2]), r"increment\[0\]"),
     ],
