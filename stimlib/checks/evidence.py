@@ -294,6 +294,15 @@ class Asked:
         changes = [c for c in self.e.changes if c.name == name]
         return ramped(self.e.params[name], changes, self.fs, self.e.x.shape[1])[self.at]
 
+    def held(self, name: str, low: float, high: float) -> np.ndarray:
+        """A live parameter within the range in which the block of the scene holds it."""
+        return np.clip(self.live(name), low, high)
+
+    def rounding(self, *names: str) -> float:
+        """What the ramps of these parameters lose at most, each step of one being rounded: in parts of their largest value."""
+        called = {self.part.inputs.get(n, n) for n in names}
+        return 2.0**-52 * max((c.ramp * self.fs for c in self.e.changes if c.name in called), default=0.0)
+
     def output(self, name: str) -> str:
         """What the scene calls an output."""
         return self.part.outputs.get(name, name)

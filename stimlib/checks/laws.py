@@ -289,6 +289,16 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     return np.where(touching, e, 0).astype(float)
 
 
+def bump_loss(u: np.ndarray, contact: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """What a mean over a small movement across an edge loses at most: its two integrals are rounded, and their difference not."""
+    touching, before = contact > 0, np.r_[u[:1], u[:-1]]
+    way = np.where(touching & np.r_[False, touching[:-1]], np.abs(u - before), 0.0)
+    cells = np.floor(before), np.floor(u)
+    edge = (cells[0] != cells[1]) | ((before - cells[0] < duty) != (u - cells[1] < duty))
+    lost = (4e-16 + 4e-19 * np.abs(u)) / np.where(edge & (way > 0), duty * way, np.inf)
+    return np.minimum(lost, 1.0)  # an envelope is between 0 and 1
+
+
 def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str) -> tuple[np.ndarray, float]:
     """d_max/d between the last two places (touch-screen thesis, section 4.2), and the largest gain between the knots."""
     from scipy import interpolate

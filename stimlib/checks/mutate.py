@@ -15,7 +15,7 @@ import numpy as np
 from ..core.parts import Part
 from ..core.progress import progress
 from ..core.scene import Scene
-from ..errors import StimlibError, shown
+from ..errors import BadValue, StimlibError, shown
 from ..run.rendering import Rendering, render
 from .evidence import gather
 from .scenes import scene_law
@@ -119,7 +119,7 @@ def mutate(
     Raises
     ------
     BadValue, UnknownName
-        As of `render`.
+        As of `render`; the scene's own laws refuse it as it is.
 
     Examples
     --------
@@ -130,6 +130,8 @@ def mutate(
     Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law, 2 cannot be made)
     """
     right = render(scene, motion, fs, seconds, params, seed)
+    if bad := [c for c in scene_law(gather(scene, motion, right)) if not c.passed]:
+        raise BadValue(f"the scene as it is is refused by ({bad[0].group}) {bad[0].name}; see what verify says of it first")
     changed = list(_changed(scene))
     found = []
     with progress("changing numbers", len(changed), bar) as advance:
@@ -213,7 +215,10 @@ def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Render
             return EQUAL, ""
         if made.fault is not None:
             return REFUSED, "(e) no fault"
-        checks = [c for c in scene_law(gather(wrong, its, made)) if c.group in "cde"]
+        try:
+            checks = [c for c in scene_law(gather(wrong, its, made)) if c.group in "cde"]
+        except BadValue as e:  # of a law that took the right number
+            return REFUSED, str(e)
     bad = [c for c in checks if not c.passed]
     if bad:
         return REFUSED, f"({bad[0].group}) {bad[0].name}"

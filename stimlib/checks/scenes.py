@@ -6,6 +6,7 @@ function got wrong is then seen.  Where a law needs a noise, or a wait that a ro
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from itertools import pairwise
@@ -55,7 +56,7 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
         named = {n: STARTS.get(part.law, {}).get(n, n) for n in known}
         begins = {n: a.given[key] for n, key in named.items() if key in a.given and part.inputs.get(n, n) in e.scene.params}
         return [*([a.begins(begins)] if begins else []), *law(a)]
-    except (KeyError, TypeError, ValueError, SceneError, BadValue) as error:
+    except Exception as error:  # whatever a law of a user's own raises, and what a file may say that nobody was asked for
         if part.law in OWN:
             raise BadValue(f"the law {part.law} raises {type(error).__name__}: {error}") from error
         why = f"not what the law {part.law!r} is for ({error or type(error).__name__})"
@@ -65,7 +66,8 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
 def own_law(a: Asked) -> list[Check]:
     """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
     p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
-    wanted = OWN[a.part.law][0](dict(a.x), p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
+    x = {own: row.copy() for own, row in a.x.items()}  # a law may write into what it is given
+    wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
@@ -77,6 +79,10 @@ def own_law(a: Asked) -> list[Check]:
             raise BadValue(f"{name} has the shape {row.shape}; return {a.n} samples")
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
         tol = OWN_TOL * top if stated is None else float(stated)
+        if not (np.isfinite(row).all() and 0 <= tol < math.inf):
+            raise BadValue(
+                f"{name} has values or a tolerance of {tol:g} that hold nothing; return finite ones, a tolerance from 0 on"
+            )
         a.expect(name, row, tol)
         text = "the law that came with the scene"
         checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text))
@@ -120,11 +126,11 @@ def _squeeze(a: Asked) -> list[Check]:
         )
         scale = max(np.abs(finger.force).max(), 1e-300)
         quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
-        steps = max((c.ramp * a.fs for c in a.e.changes if c.name == a.part.inputs.get("k", "k")), default=0.0)  # each is rounded
-        limit = 1e-14 + 2.0**-52 * steps + slack
+        steps = a.rounding("k")
+        limit = 1e-14 + steps + slack
         checks.append(Check("d", f"{a.title(name)}: mean part is k x", quiet, limit, "where the gate is closed, relative"))
         vibration = np.abs(finger.force - finger.mean).max()
-        limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
+        limit = 1e-9 + (4e-16 + steps + slack) * scale / vibration if vibration > 0 else 1e-14 + steps + slack
         error = a.apart(name, want) / (vibration or scale)
         checks.append(Check("d", f"{a.title(name)}: vibration law", error, float(limit), "A k tau v tau dp/dt, relative"))
         if g["motor_constant"] is not None:
@@ -199,7 +205,8 @@ def _viscoelastic(a: Asked) -> list[Check]:
     contact = Input("contact") if "contact" in a.x else None
     horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
     block = springpot(Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact)
-    same = a.near("force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers")
+    steps = a.rounding("firmness")
+    same = a.near("force", a.live("firmness") * a.render(block), 1e-14 + steps, "springpot of these numbers")
     name, silent = a.title("force"), a.silent("force", ~touching)
     if g["scheme"] not in ("gl", "l1"):
         a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
@@ -211,7 +218,9 @@ def _viscoelastic(a: Asked) -> list[Check]:
         at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
         force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
         k = gain[i:j][at]
-        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + a.slack) * np.abs(k) * np.abs(force)
+        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + steps + a.slack) * np.abs(k) * np.abs(
+            force
+        )
         over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
 
     def everywhere() -> np.ndarray:
@@ -241,8 +250,8 @@ def _bumps(a: Asked) -> list[Check]:
     if g["sampling"] != "area":
         a.e.skipped.append(f"{name}: the law covers bumps that are sampled by their area")
         return []
-    A, duty, freq, gain = a.live("A"), a.live("duty"), a.live("freq"), g["gain"]
-    contact, u = a.contact * (A != 0), a.x["x"] * g["bumps"] / g["length"]
+    A, duty, freq, gain = a.live("A"), a.held("duty", 1e-6, 1.0), a.held("freq", 0.0, a.fs / 2), g["gain"]
+    contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])  # so rounded as in the scene: at an edge that counts
     shape, step = laws.bump_envelope(u, contact, g["waveform"], duty), freq.astype(np.longdouble) / np.longdouble(a.fs)
     wave = laws.carried(np.cumsum(step) - step + g["phase"] / (2 * np.longdouble(np.pi)), step, g["rectify"])
     if a.part.span is None:
@@ -266,7 +275,8 @@ def _bumps(a: Asked) -> list[Check]:
         want = np.clip(want, -limit, limit)
     top = float(highest.max()) or 1.0
     a.expect("voltage", want, 1e-6 * top)
-    error = a.apart("voltage", want) / top
+    lost = laws.bump_loss(u, contact, duty) * highest / top
+    error = a.far((a.y["voltage"] - want) / (1 + lost / 1e-6)) / top
     checks = [Check("d", f"{name}: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
     checks.append(a.silent("voltage", contact <= 0))
     speed, still = np.diff(u) * a.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all()
@@ -296,7 +306,8 @@ def _texture(a: Asked) -> list[Check]:
     force = a.x["force"] * a.contact
     want = a.live("level") * laws.texture(model, speed, force, laws.white(a.seed, g["seed"], 0, 0, n), every)
     a.say(f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at {model.rate:g} Hz")
-    checks = [a.near("acceleration", want, TEXTURE, "the models' recursion, written again")]
+    most = float(np.abs(a.live("level")).max() * np.max(model.gain * np.sqrt(model.variance)))  # of which the roundings are
+    checks = [a.near("acceleration", want, TEXTURE, "the models' recursion, written again", max(most, 1e-300))]
     steady = slice(n // 4 // every * every, None, every)
     v, N = abs(speed[steady]), force[steady]
     flat = (a.window == 1).all() and not np.ptp(a.live("level"))

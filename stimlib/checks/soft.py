@@ -51,12 +51,18 @@ def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return on & ~np.r_[False, on[:-1]]
 
 
-def reversible(S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_]) -> tuple[float, int]:
-    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and stands; and steps too long to judge."""
+def reversible(
+    S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_], piece: float = math.inf
+) -> tuple[float, int]:
+    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and stands; and steps too long to judge.
+
+    Beyond a piece of the map, in m, five steps of Newton's method may be too few.
+    """
     ds, dp = np.diff([x, y]), np.diff([px, py])
     g = speed_ratio(S((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2))
     moves = on[1:] & on[:-1]
-    long = moves & (np.hypot(*dp) * steepest(S, np.array([x, y])[:, :-1], dp) > 0.5)
+    far = np.hypot(*dp)
+    long = moves & ((far > piece) | (far * steepest(S, np.array([x, y])[:, :-1], dp) > 0.5))
     scale = max(float(np.abs(dp[:, moves]).max(initial=0.0)), 1e-6)
     wrong = np.abs(ds - g * dp)[:, moves & ~long].max(initial=0.0) / scale
     begin = starts(on)
@@ -200,7 +206,9 @@ def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Che
     elif g["mode"] != "deformation":
         seen = np.where(a.window > 0, [a.y["x1"], a.y["y1"]], hand * on)  # a window hides the first sample alone
         if not g["frames"]:
-            error, long = reversible(S, seen[0], seen[1], hand[0], hand[1], on)
+            rows, columns = np.shape(g["S"][0])
+            piece = min(g["S"][1] / max(columns - 1, 1), g["S"][2] / max(rows - 1, 1))
+            error, long = reversible(S, seen[0], seen[1], hand[0], hand[1], on, piece)
             if long:
                 a.e.skipped.append(f"{a.title('x1')}: {long} steps of the hand are too long for one middle")
             return [

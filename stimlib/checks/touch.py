@@ -78,10 +78,10 @@ def button(x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float
 
 
 def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndarray:
-    """A decaying sinusoid from each event."""
+    """A decaying sinusoid from each event; it decays over one sample at least, as ``ring`` says."""
     from scipy.signal import lfilter
 
-    return lfilter([1], [1, -np.exp(-1 / (decay * fs) + 2j * np.pi * freq / fs)], events).imag
+    return lfilter([1], [1, -np.exp(-1 / max(decay * fs, 1.0) + 2j * np.pi * freq / fs)], events).imag
 
 
 def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:

@@ -63,7 +63,8 @@ class Part:
             fields.require({"part": data}, {"part": TEST})
             if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
                 raise ValueError(f"a law has no field {more[0]!r:.40}")
-        except ValueError as e:
+            kept(data["given"])
+        except (ValueError, BadValue) as e:
             raise SceneFileError(f"{where}: {e}") from None
         return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
 
@@ -77,8 +78,11 @@ class Part:
         )
 
 
+MOST = 1e9  # s, of a span: 30 years
+
+
 def _span(v: Any) -> bool:
-    times = isinstance(v, list) and len(v) == 4 and all(map(fields.not_negative, v[:3]))
+    times = isinstance(v, list) and len(v) == 4 and all(fields.not_negative(t) and t < MOST for t in v[:3])
     return times and (v[3] is None or fields.whole(2**64 - 1)(v[3]))
 
 
@@ -97,16 +101,35 @@ TEST = fields.record(
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     """The parts of a scene: none, one of a name or a function with what was given, or as they are."""
     if law is None or isinstance(law, str):
-        return () if law is None else (Part(law, None if given is None else plain(given)),)
+        if law is None and given:
+            raise BadValue(f"given = {given!r:.80} needs the law that it is for; give that as law=")
+        return () if law is None else (Part(law, kept(given)),)
     if callable(law):
         name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
         if not name or "<lambda>" in name:
             raise BadValue(f"law = {law!r:.80} has no name that a file could keep; write it with def, and give numbers as given=")
+        whose = getattr(law, "__self__", None)
+        if ("<locals>" in name and getattr(law, "__closure__", None)) or (
+            hasattr(law, "__func__") and not isinstance(whose, type)
+        ):
+            raise BadValue(
+                f"law = {law!r:.80} uses values that no file keeps, of an object or of a function around it; give them as given="
+            )
         OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
-        return (Part(name, plain(given or {})),)
+        return (Part(name, kept({} if given is None else given)),)
     if isinstance(law, (tuple, list)) and all(isinstance(p, Part) for p in law):
         return tuple(law)
     raise BadValue(f"law = {law!r:.80} must be a name, or a function of the inputs, the parameters and the sample rate")
+
+
+def kept(given: Any) -> Any:
+    """What was given, as JSON data; BadValue of what is no table, or is nested without end."""
+    if not isinstance(given, Mapping | None):
+        raise BadValue(f"given = {given!r:.80} is no table; give values by their names")
+    try:
+        return plain(given)
+    except RecursionError:
+        raise BadValue("given: it is nested too deeply for a scene file; give tables and arrays of a few levels") from None
 
 
 def plain(v: Any) -> Any:
@@ -126,7 +149,7 @@ def plain(v: Any) -> Any:
     """
     if isinstance(v, (np.ndarray, np.generic)):
         return plain(v.tolist())
-    if v is None or isinstance(v, (str, bool, int)) or fields.number(v):
+    if v is None or isinstance(v, (str, bool)) or fields.number(v) or (isinstance(v, int) and abs(v) < 2**64):
         return v
     if isinstance(v, os.PathLike):
         return os.fspath(v)

@@ -78,3 +78,19 @@ def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatc
     run = CliRunner().invoke(app, ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"])
     assert run.exit_code == 1 and "no law" in run.stdout
     assert stimlib.checks.mutate.mutate is mutate
+
+
+def rooted(x, p, fs):
+    """A law that has no number where k is below 0."""
+    with np.errstate(invalid="ignore"):
+        return {"y": (1 + np.sqrt(p["k"]) ** 2) * x["x"]}
+
+
+def test_a_law_that_cannot_take_a_wrong_number_refuses_it_and_one_that_refuses_the_scene_is_an_error():
+    motion = {"x": np.sin(np.arange(100.0))}
+    right = Scene({"y": abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
+    found = mutate(right, motion, 1000, 0.1)
+    assert ("parameter k", "other sign", "refused") in {(m.where, m.change, m.outcome) for m in found.mutants}
+    wrong = Scene({"y": 2.0 * abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
+    with pytest.raises(stimlib.BadValue, match="as it is is refused"):
+        mutate(wrong, motion, 1000, 0.1)

@@ -12,6 +12,8 @@ from laws import STRESS
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, SceneFileError, UnknownName, blocks, constant
+from stimlib.checks.evidence import Evidence, at_first
+from stimlib.checks.scenes import scene_law
 from stimlib.checks.session import verify_log
 from stimlib.core.parts import OWN
 from stimlib.experiments.bounciness import bounciness
@@ -26,7 +28,9 @@ from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.experiments.ugrip import ugrip
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
+from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
+from stimlib.run.walk import samples
 from stimlib.scenes import SHIPPED
 
 FS = 4000
@@ -322,3 +326,165 @@ def test_sessions_of_the_papers_are_verified_trial_by_trial(make, tmp_path):
     for log in logs:
         report = verify_log(read_log(log))
         assert report.passed and any(c.group == "d" and " from " in c.name for c in report.checks), str(report)
+
+
+# Correct renderings that a law refused -----------------------------------------------------------------------------------
+def test_a_finger_that_rests_on_an_edge_of_a_bump_passes():
+    """-0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding."""
+    x = np.full(400, -0.1)
+    for scene in (stimlib.scenes.bumps(), stimlib.scenes.touch_screen("square", rectify="half")):
+        assert verified(scene, {"x": x}, 0.1).passed
+
+
+@pytest.mark.parametrize("waveform", ["sine", "square"])
+@pytest.mark.parametrize("make", [stimlib.scenes.bumps, stimlib.scenes.touch_screen])
+def test_a_finger_that_trembles_by_a_rounding_over_an_edge_passes(make, waveform):
+    x = 1e-12 * np.cumsum(np.random.default_rng(1).standard_normal(2000))
+    report = verified(make(waveform, bumps=0.06, length=0.1, duty=0.06), {"x": x}, 0.5)
+    assert report.passed, str(report)
+
+
+@pytest.mark.parametrize("make", [stimlib.scenes.bumps, stimlib.scenes.touch_screen])
+@pytest.mark.parametrize("params", [{"duty": 2.0}, {"freq": -100.0}, {"freq": 1e6}])
+def test_a_live_number_out_of_its_range_is_held_by_scene_and_law(make, params):
+    report = verified(make("half_sine"), {"x": sinusoid(0.05, 3.0, 0.05)}, 0.1, params=params)
+    assert report.passed, str(report)
+
+
+def test_a_plate_beyond_its_edge_and_a_texture_at_rest_pass():
+    assert verified(stimlib.scenes.touch_screen(), {"x": sinusoid(0.01, 3.0, 0.8)}).passed
+    for motion in ({"x": np.zeros(2000), "force": np.zeros(2000)}, {"x": np.full(2000, 0.1), "force": np.ones(2000)}):
+        for seed in range(3):
+            found = verified(stimlib.scenes.texture(), motion, 0.5, seed=seed).checks
+            assert [c.passed for c in found if "recursion, written again" in c.name] == [True]
+
+
+def test_a_vibration_that_decays_within_a_sample_passes():
+    scene = stimlib.scenes.impact(decay=5e-4, freq=190.0, cutoff=50.0)
+    assert verified(scene, {"x": sinusoid(5e-3, 10.0)}, 0.5, fs=500).passed
+
+
+def test_a_mouse_that_jumps_over_pieces_of_the_map_passes_and_is_said():
+    x, y = 0.06 + 0.3 * np.random.default_rng(1).standard_normal((2, 2000))
+    report = verified(stimlib.scenes.soft_surface(device="mouse"), {"x": x, "y": y}, 0.5)
+    assert report.passed and "too long" in "; ".join(report.evidence.skipped), str(report)
+
+
+@pytest.mark.parametrize("name", ["squeeze", "viscoelastic"])
+def test_a_parameter_that_moves_slowly_passes(name):
+    scene, fs = stimlib.scenes.squeeze(A=0.0) if name == "squeeze" else SCENES[name], 48000
+    live = "k" if name == "squeeze" else "firmness"
+    rows = np.array([1e-3 * np.sin(np.arange(20000) / 5000)] * len(scene.inputs))
+    e = evidence_of(scene, rows, fs, [Change(0, live, 0.3 * scene.params[live].value, 0.4)])
+    bad = [(c.name, c.measured, c.limit) for c in scene_law(e) if not c.passed]
+    assert not bad, bad
+
+
+def evidence_of(scene, rows, fs, changes):
+    """What a verifier has of samples whose parameters changed."""
+    proc = stimlib.compile(scene, fs)
+    y = samples(stimlib.compile(scene, fs), rows, rows.shape[1], changes).copy()
+    e = Evidence(scene, proc, fs, 0, at_first(proc, changes), rows, y, y, "memory", None, {})
+    e.changes = changes
+    return e
+
+
+# Hostile -----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 10**400, [[float("-inf")]]])
+def test_a_scene_file_whose_law_was_given_no_number_is_refused(value):
+    data = SCENES["wall"].to_dict()
+    data["law"][0]["given"]["at"] = value
+    with pytest.raises(SceneFileError, match="cannot be kept"):
+        Scene.from_dict(data)
+
+
+def test_a_scene_file_that_is_nested_deeply_or_has_an_endless_span_is_refused():
+    deep = []
+    for _ in range(900):
+        deep = [deep]
+    for change, says in (({"given": {"at": deep}}, "nested too deeply"), ({"span": [0, 1e308, 0, None]}, "span")):
+        data = SCENES["wall"].to_dict()
+        data["law"][0] |= change
+        with pytest.raises(SceneFileError, match=says):
+            Scene.from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [("viscoelastic", {"w": 0}), ("touch_screen", {"swap": 0}), ("touch_screen", {"model": []}), ("click", {"at": 0})],
+)
+def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
+    data = SCENES[name].to_dict()
+    data["law"][0]["given"] |= change
+    report = verified(Scene.from_dict(data), hands(name), 0.1)
+    assert "shape of the scene" in [c.name for c in report.checks if not c.passed]
+
+
+# Laws that misbehave -----------------------------------------------------------------------------------------------------
+def writes(x, p, fs, *, values):
+    """Write into all that it is given."""
+    values.append(1.0)
+    y = p["k"] * x["x"]
+    x["x"][:] = 0.0
+    return {"y": y}
+
+
+def divides(x, p, fs):
+    return {"y": 1 / 0}
+
+
+def endless(x, p, fs):
+    return {"y": np.full(x["x"].size, np.inf)}
+
+
+def loose(x, p, fs):
+    return {"y": (0 * x["x"], np.inf)}
+
+
+def plain_scene(law, **given):
+    return Scene({"y": Param("k", 2.0) * Input("x")}, law=law, given=given)
+
+
+def test_a_law_that_writes_into_what_it_gets_changes_nothing():
+    scene = plain_scene(writes, values=[1.0])
+    was, motion = scene.hash, {"x": sinusoid(0.02, 3.0)}
+    report = verified(scene, motion)
+    assert report.passed and np.abs(report.evidence.x).max() > 0.01 and scene.hash == was
+
+
+@pytest.mark.parametrize(
+    ("law", "says"), [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "a tolerance of inf")]
+)
+def test_a_law_that_fails_or_holds_nothing_is_an_error(law, says):
+    with pytest.raises(BadValue, match=says):
+        verified(plain_scene(law), {"x": sinusoid(0.02, 3.0)})
+
+
+def test_a_law_whose_values_no_file_keeps_is_refused():
+    k = 3.0
+
+    def around(x, p, fs):
+        return {"y": k * x["x"]}
+
+    class Law:
+        def held(self, x, p, fs):
+            return {"y": x["x"]}
+
+    for law in (around, Law().held):
+        with pytest.raises(BadValue, match="no file keeps"):
+            plain_scene(law)
+
+
+@pytest.mark.parametrize(
+    ("law", "given", "says"), [(slope, [1], "no table"), (slope, 3, "no table"), (None, {"a": 1}, "needs the law")]
+)
+def test_what_is_given_is_a_table_for_a_law(law, given, says):
+    with pytest.raises(BadValue, match=says):
+        Scene({"y": 1 * Input("x")}, law=law, given=given)
+
+
+def test_what_is_given_may_not_hold_itself():
+    values = []
+    values.append(values)
+    with pytest.raises(BadValue, match="nested too deeply"):
+        plain_scene(slope, at=values)
