@@ -33,7 +33,13 @@ def test_unknown_limits_are_told():
 
 
 @pytest.mark.parametrize(
-    "text, expected", [("scene_blocks=7 scene_bytes=1e3", "7.0 1000.0"), ("scene_blocks", "not NAME=NUMBER"), ("a=1", "no 'a'")]
+    "text, expected",
+    [
+        ("scene_blocks=7 scene_bytes=1e3", "7.0 1000.0"),
+        ("scene_blocks=7,scene_bytes=1e3", "7.0 1000.0"),
+        ("scene_blocks", "not NAME=NUMBER"),
+        ("a=1", "no 'a'"),
+    ],
 )
 def test_limits_from_the_environment(text, expected):
     code = "from stimlib import limits; limits.check('scene_bytes', 1, 'a'); print(limits.scene_blocks, limits.scene_bytes)"

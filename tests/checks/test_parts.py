@@ -10,14 +10,16 @@ from laws import STRESS
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, SceneFileError, UnknownName, blocks, constant
+from stimlib.checks.evidence import Check, asked, at_first, ramped
 from stimlib.checks.session import verify_log
-from stimlib.core.parts import OWN
+from stimlib.core.parts import OWN, Span
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.present import present, program
 from stimlib.experiments.questions import choice
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
+from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
 from stimlib.scenes import SHIPPED
 
@@ -84,6 +86,15 @@ def test_a_wrong_part_is_refused_and_named():
     assert [c.name for c in verified(bad, motion).checks if not c.passed] == ["knob_torque: detents and friction, written again"]
 
 
+def test_a_part_that_begins_with_another_value_is_refused_and_named():
+    data = Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]).to_dict()
+    (k,) = (block for block in data["blocks"] if block["fields"].get("name") == "edge_k")
+    k["fields"]["value"] *= 1.25
+    motion = {"edge_x": hands("wall")["x"], "knob_angle": hands("detents")["angle"]}
+    (bad,) = [c for c in verified(Scene.from_dict(data), motion).checks if not c.passed]
+    assert bad.name == "parameters of edge: as they were asked for" and bad.text == "k = 1250 for 1000"
+
+
 def test_inputs_are_joined_only_where_that_is_said():
     both = Scene.combine(edge=SCENES["wall"], screen=SCENES["bumps"], share={"x": ("edge_x", "screen_x")})
     assert list(both.inputs) == ["x"]
@@ -146,6 +157,7 @@ def lone(factor=1.0, given=0.01):
 def test_a_law_of_ones_own_is_held_and_kept(tmp_path):
     motion = {"x": sinusoid(0.02, 3.0)}
     assert verified(lone(), motion, params={"k": 150.0}).passed
+    assert verified(lone(1 + 1e-13), motion).passed and not verified(lone(1 + 1e-8), motion).passed
     assert not verified(lone(1.0001), motion).passed and not verified(lone(given=0.0101), motion).passed
     rendering = stimlib.render(again(lone()), motion, FS, 0.1)
     assert rendering.save(tmp_path / "a.wav", full_scale=10.0)
@@ -159,11 +171,44 @@ def test_a_law_of_ones_own_is_held_and_kept(tmp_path):
     assert f"The scene: the law {__name__}.slope" in (tmp_path / "a.html").read_text()
 
 
+def within(x, p, fs, *, tol):
+    """The input, to a stated tolerance."""
+    return {"y": (x["x"], tol)}
+
+
+def test_a_law_of_ones_own_holds_to_the_tolerance_that_it_states():
+    for tol, passes in ((0.01, True), (0.0075, False)):
+        scene = Scene({"y": Input("x") + 0.009}, law=within, given={"tol": tol})
+        assert verified(scene, {"x": sinusoid(1.0, 3.0)}).passed is passes
+
+
+def test_what_was_given_by_the_name_of_a_parameter_is_where_it_begins():
+    motion = {"x": sinusoid(0.02, 3.0)}
+    for k, bad in ((200.0, []), (200.5, ["parameters: as they were asked for"])):
+        scene = Scene(lone().outputs, law=slope, given={"at": 0.01, "k": k})
+        assert [c.name for c in verified(scene, motion, params={"k": 150.0}).checks if not c.passed] == bad
+
+
 def test_a_law_that_is_not_imported_is_said(monkeypatch):
     kept = again(lone())
     monkeypatch.delitem(OWN, f"{__name__}.slope")
     report = verified(kept, {"x": sinusoid(0.02, 3.0)})
     assert f"the law '{__name__}.slope' is not known here: import what defines it first" in report.evidence.skipped
+
+
+def test_a_law_sees_a_parameter_as_it_was_ramped():
+    """Ramps from sample 0, broken off, of no length, up to the last sample; a change behind it is none."""
+    scene, rows, n = Scene({"y": Param("p", 1.0) * 1.0}), [], 100
+    proc = stimlib.compile(scene, FS, "python")
+    for at, value, long in ((0, 3.0, 20), (10, -1.0, 30), (60, 2.0, 0), (61, 5.0, 7), (99, 0.0, 4), (n, 9.0, 0)):
+        rows.append(proc.process(at - proc.index)[0])
+        proc.set("p", value, ramp=long / FS)
+    y = np.concatenate(rows)
+    np.testing.assert_allclose(ramped(1.0, proc.log, FS, n), y, rtol=0, atol=1e-14)
+    assert len(set(y)) > 40
+    for long, first in ((0, 3.0), (1, 3.0), (2, 1.0)):
+        assert at_first(stimlib.compile(scene, FS, "python"), [Change(0, "p", 3.0, long / FS)]) == {"p": first}
+    assert at_first(stimlib.compile(scene, FS, "python"), [Change(1, "p", 3.0, 0.0)]) == {"p": 1.0}
 
 
 def wrong_shape(x, p, fs):
@@ -209,7 +254,9 @@ def test_a_law_that_no_file_could_keep_is_refused(words, says):
         (lambda p: p.update(inputs={"x": 3}), "inputs"),
         (lambda p: p.update(span=[0, 1, 2]), "span"),
         (lambda p: p.update(span=[0, -1, 0, None]), "span"),
+        (lambda p: p.update(span=[0, 1, -1, None]), "span"),
         (lambda p: p.update(span=[0, 1, 0, -1]), "span"),
+        (lambda p: p.update(span=[0, 1, 0, 2**64]), "span"),
         (lambda p: p.update(more=1), "no field 'more'"),
         (lambda p: p.pop("name"), "name"),
     ],
@@ -219,6 +266,13 @@ def test_a_scene_file_with_a_wrong_law_is_refused(change, says):
     change(data["law"][0])
     with pytest.raises(SceneFileError, match=says):
         Scene.from_dict(data)
+
+
+def test_an_interval_with_any_seed_comes_back_from_a_file():
+    (part,) = SCENES["wall"].parts
+    for seed in (None, 0, 2**64 - 1):
+        shown = dataclasses.replace(part, span=Span(0.5, 1.0, 0.1, seed))
+        assert again(Scene(SCENES["wall"].outputs, [shown])).parts == (shown,)
 
 
 def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_asked_for():
@@ -262,6 +316,47 @@ def test_a_wrong_interval_is_refused(ramp):
         report = verified(Scene(scene.outputs, [first, part]), motion, 0.55, params=params, seed=3)
         bad = [c.name for c in report.checks if not c.passed]
         assert bad and all("from 0.282" in n for n in bad), bad
+
+
+def test_a_law_sees_its_own_interval_alone():
+    """Its samples and parameters, differences as they were displayed; nothing where the window is 0."""
+    _, _, scene, params = trial_of(SCENES["wall"])
+    e, fs = verified(scene, hands("wall"), 0.55, params=params).evidence, float(FS)
+    e.changes.append(Change(1200, "k_2", 500.0, 0.01))
+    first, second = (asked(e, part) for part in scene.parts)
+    assert (first.at, second.at) == (slice(128, 928), slice(1128, 1928))
+    row = ramped(1000.0, [Change(1200, "k_2", 500.0, 0.01)], fs, 2200)
+    np.testing.assert_array_equal(second.live("k"), row[1128:1928])
+    assert not np.ptp(first.live("k")) and second.live("k")[71] > second.live("k")[72] > second.live("k")[-1] == 500.0
+    np.testing.assert_array_equal(second.x["x"], e.x[0, 1128:1928])
+    t = np.minimum(np.arange(800), 800 - np.arange(800)) / fs
+    window = np.where(t < 0.02, (1 - np.cos(np.pi * t / 0.02)) / 2, 1.0)
+    np.testing.assert_allclose(second.window, window, rtol=0, atol=1e-15)
+    one = np.zeros(800)
+    for n in (1, 40, 400, 799):
+        one[:] = 0.0
+        one[n] = -2.0
+        assert second.far(one) == pytest.approx(2 * window[n])
+    one[0], one[799] = np.nan, 0.0
+    assert second.far(one) == 0.0
+    one[1] = np.nan
+    assert np.isnan(second.far(one)) and not Check("d", "", second.far(one), 1.0, "").passed
+
+
+def test_an_output_is_held_to_its_tolerance_of_the_largest_value():
+    e = verified(SCENES["wall"], hands("wall")).evidence
+    a, want = asked(e, SCENES["wall"].parts[0]), np.sin(np.arange(1200.0)) * 4
+    for off, least, passes in ((0.9e-6, 1e-300, True), (1.1e-6, 1e-300, False), (1.1e-6, 5.0, True), (-1.1e-6, 1e-300, False)):
+        row = want.copy()
+        row[7] += off * np.abs(want).max()
+        seen = dataclasses.replace(a, y={"force": row})
+        assert seen.near("force", want, 1e-6, "", least).passed is passes
+    off = np.arange(1200) > 600
+    for n, passes in ((600, True), (601, False)):
+        row = np.zeros(1200)
+        row[n] = 1e-300
+        assert dataclasses.replace(a, y={"force": row}).silent("force", off).passed is passes
+    assert a.begins({"k": 1000.0}).passed and not a.begins({"k": np.nextafter(1000.0, 0)}).passed
 
 
 def test_a_session_with_a_wrong_carrier_is_refused(tmp_path, monkeypatch):
