@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import stimlib
 from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.places import Grating, SpatialNoise
-from stimlib.checks import laws, surfaces
+from stimlib.checks import laws, scenes, surfaces
 from stimlib.checks.evidence import asked
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
@@ -52,6 +53,14 @@ def test_bumps_are_proved(waveform, duty):
         r = report(bumps(waveform, 18, duty, 7.5), {"x": motion})
         assert r.passed, str(r)
         assert ("rms of the line spectrum" in str(r)) == (motion.__class__.__name__ == "constant_speed")
+
+
+def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
+    r = report(bumps(), {"x": constant_speed(0.03, 0.1)})
+    a = asked(r.evidence, r.evidence.scene.parts[0])
+    for factor, refused in ((1.0, False), (1.02, True)):
+        checks = scenes.SCENES["bumps"](dc.replace(a, y={"voltage": factor * a.y["voltage"]}))
+        assert any("rms of the line spectrum" in c.name for c in checks if not c.passed) is refused
 
 
 def test_nothing_is_shown_at_amplitude_zero_and_the_report_says_so():
@@ -197,10 +206,23 @@ def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):
         "force: none off contact"
     ]
     honest = surfaces.octaves
-    monkeypatch.setattr(surfaces, "octaves", lambda *a: (o := honest(*a))._replace(power=1.2 * o.power))
-    assert "force: octaves of the roughness" in {
-        c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
-    }
+    for factor in (1.2, 0.8):
+        monkeypatch.setattr(surfaces, "octaves", lambda *a, f=factor: (o := honest(*a))._replace(power=f * o.power))
+        assert "force: octaves of the roughness" in {
+            c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
+        }
+
+
+def test_one_sample_of_a_surface_with_a_seed_of_its_own_is_seen():
+    scene = grating(seed=7)
+    r = report(scene, {"x": sinusoid(0.05, 1.0)}, 0.1, params={"roughness": 0.1})
+    assert r.passed
+    a = asked(r.evidence, scene.parts[0])
+    for n in (1, 317, 798):
+        row = a.y["force"].copy()
+        row[n] += 1e-8
+        (bad,) = [c.name for c in surfaces.grating(dc.replace(a, y={"force": row})) if not c.passed]
+        assert bad == "force: gratings and roughness of the place"
 
 
 @pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"])
@@ -216,3 +238,31 @@ def test_motor_limits_are_checked_from_the_samples():
     assert r.passed, str(r)
     measured = {c.name: c.measured for c in r.checks}
     assert 90.0 < measured["force1: peak limit"] <= 100.0 and 1200.0 < measured["force1: static limit"] <= 37.0**2
+
+
+def test_a_force_is_held_to_its_limits_to_the_last_bit():
+    """100 N either way, and a mean square over 10 s of 37^2 N^2, which 100 N reaches after 1.4715 s."""
+    scene = stimlib.scenes.squeeze(fingers=1, limits=True)
+    force = np.full(11_800, 100.0)
+    for y, bad in (
+        (force[:11_771], []),
+        (force, ["force1: static limit"]),
+        (np.nextafter(force[:9], 101.0), ["force1: peak limit"]),
+        (-np.nextafter(force[:9], 101.0), ["force1: peak limit"]),
+    ):
+        e = SimpleNamespace(scene=scene, fs=8000.0, y=[y])
+        assert [c.name for c in scenes.motor_limits(e) if not c.passed] == bad
+
+
+def test_the_static_limit_of_a_law_is_the_papers():
+    """It lets all through up to 0.81 of the mean square that a motor bears, then less, and nothing above it."""
+    fs, force = 8000.0, np.full(60_000, 90.0)
+    kept, mean = np.empty(force.size), 0.0
+    for n in range(force.size):
+        kept[n] = min(1.0, (37.0**2 - mean) / (0.19 * 37.0**2)) * force[n]
+        mean += (kept[n] ** 2 - mean) * -np.expm1(-1 / (10.0 * fs))
+    assert kept[0] == 90.0 and kept[-1] < 40.0
+    np.testing.assert_allclose(scenes._held(force, kept, fs), kept, rtol=1e-9)
+    np.testing.assert_allclose(
+        scenes._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs), [100, -100, 99]
+    )
