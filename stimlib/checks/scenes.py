@@ -15,7 +15,7 @@ import numpy as np
 
 from ..analysis import spectra
 from ..core.graph import Const, Input
-from ..core.parts import OWN
+from ..core.parts import OWN, known
 from ..errors import BadValue, SceneError
 from . import laws, soft, surfaces, touch
 from .evidence import Asked, Check, Evidence, asked, noise_model
@@ -34,9 +34,9 @@ def scene_law(e: Evidence) -> list[Check]:
     checks = []
     for part in e.scene.parts:
         called = f"{part.name}: the law" if part.name else "the law"
-        law = SCENES.get(part.law, own_law if part.law in OWN else None)
+        law = SCENES.get(part.law, own_law if known(part.law) else None)
         if law is None:
-            where = "import what defines it first" if "." in part.law else "update stimlib"
+            where = "import its module first (--import FILE.py)" if "." in part.law else "no shipped scene has it; update stimlib"
             e.skipped.append(f"{called} {part.law!r} is not known here: {where}")
         elif part.given is None:
             e.skipped.append(f"{called} {part.law!r} needs what the scene was asked for, which was not kept before stimlib 0.2")
@@ -65,13 +65,25 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
 def own_law(a: Asked) -> list[Check]:
     """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
     p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
-    wanted = OWN[a.part.law][0](dict(a.x), p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
+    x = {name: row.view() for name, row in a.x.items()}
+    for row in x.values():
+        row.flags.writeable = False  # the law of another output, and the figures, have the same row
+    try:
+        wanted = OWN[a.part.law][0](x, p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
+    except Exception as error:  # whatever a function of the user's raises
+        raise BadValue(f"the law {a.part.law} raises {type(error).__name__}: {error}") from error
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
     checks = []
     for name, made in wanted.items():
+        if isinstance(made, tuple) and len(made) != 2:
+            raise BadValue(f"{name} is a tuple of {len(made)}; return a row, or a row and its tolerance")
         given_row, stated = made if isinstance(made, tuple) else (made, None)
+        if np.iscomplexobj(given_row):
+            raise BadValue(f"{name} has complex values; return real ones")
+        if stated is not None and not (np.isscalar(stated) and np.isfinite(stated) and stated >= 0):
+            raise BadValue(f"{name} has the tolerance {stated!r:.40}; return one finite number from 0 on for all samples")
         row = np.asarray(given_row, float)
         if row.shape != a.y[name].shape:
             raise BadValue(f"{name} has the shape {row.shape}; return {a.n} samples")

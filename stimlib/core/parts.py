@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import inspect
 import os
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -96,17 +98,40 @@ TEST = fields.record(
 
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     """The parts of a scene: none, one of a name or a function with what was given, or as they are."""
+    if given is not None and not isinstance(given, Mapping):
+        raise BadValue(f"given = {given!r:.80} must map names to values, such as given={{'at': 0.01}}")
+    if given is not None and law is None:
+        raise BadValue("given without a law is of no use; give the law that takes it, as law=")
     if law is None or isinstance(law, str):
         return () if law is None else (Part(law, None if given is None else plain(given)),)
     if callable(law):
         name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
         if not name or "<lambda>" in name:
             raise BadValue(f"law = {law!r:.80} has no name that a file could keep; write it with def, and give numbers as given=")
+        if (inspect.isroutine(law) and not inspect.isfunction(law)) or getattr(law, "__closure__", None):
+            raise BadValue(
+                f"law = {name} uses values of the function around it, or of an object, which no file could keep; write it at the "
+                "top of a module, and give numbers as given="
+            )
         OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
         return (Part(name, plain(given or {})),)
     if isinstance(law, (tuple, list)) and all(isinstance(p, Part) for p in law):
         return tuple(law)
     raise BadValue(f"law = {law!r:.80} must be a name, or a function of the inputs, the parameters and the sample rate")
+
+
+def known(law: str) -> bool:
+    """Whether a law of a user's own can be called here: a scene was made with it, or its module is imported already.
+
+    A file is data and may come from anywhere, so the name in it stands for a law only: a function that its module defines
+    itself, with the first parameters ``x, p, fs``.
+    """
+    if law not in OWN:
+        module, _, name = law.rpartition(".")
+        f = getattr(sys.modules.get(module), name, None)
+        if inspect.isfunction(f) and f.__module__ == module and list(inspect.signature(f).parameters)[:3] == ["x", "p", "fs"]:
+            OWN[law] = f, source_of(f)
+    return law in OWN
 
 
 def plain(v: Any) -> Any:
