@@ -10,13 +10,14 @@ import copy
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..analysis import spectra
 from ..core.graph import Const, Input
-from ..core.parts import OWN
+from ..core.parts import OWN, known
 from ..errors import BadValue, SceneError
 from . import laws, soft, surfaces, touch
 from .evidence import Asked, Check, Evidence, asked, noise_model
@@ -35,9 +36,9 @@ def scene_law(e: Evidence) -> list[Check]:
     checks = []
     for part in e.scene.parts:
         called = f"{part.name}: the law" if part.name else "the law"
-        law = SCENES.get(part.law, own_law if part.law in OWN else None)
+        law = SCENES.get(part.law, own_law if known(part.law) else None)
         if law is None:
-            where = "import what defines it first" if "." in part.law else "update stimlib"
+            where = "import its module first (--import FILE.py)" if "." in part.law else "no shipped scene has it; update stimlib"
             e.skipped.append(f"{called} {part.law!r} is not known here: {where}")
         elif part.given is None:
             e.skipped.append(f"{called} {part.law!r} needs what the scene was asked for, which was not kept before stimlib 0.2")
@@ -66,23 +67,32 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
 def own_law(a: Asked) -> list[Check]:
     """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
     p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
-    x = {own: row.copy() for own, row in a.x.items()}  # a law may write into what it is given
-    wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
+    x = {own: row.view() for own, row in a.x.items()}
+    for row in x.values():
+        row.flags.writeable = False  # the checks and figures have the same rows
+    try:
+        wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
+    except Exception as error:  # whatever a function of the user's raises
+        raise BadValue(f"the law {a.part.law} raises {type(error).__name__}: {error}") from error
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
     checks = []
     for name, made in wanted.items():
-        given_row, stated = made if isinstance(made, tuple) else (made, None)
-        row = np.asarray(given_row, float)
+        if isinstance(made, tuple) and len(made) != 2:
+            raise BadValue(f"{name} is a tuple of {len(made)}; return a row, or a row and its tolerance")
+        values, stated = made if isinstance(made, tuple) else (made, None)
+        if np.iscomplexobj(values):
+            raise BadValue(f"{name} has complex values; return real ones")
+        row = np.asarray(values, float)
         if row.shape != a.y[name].shape:
             raise BadValue(f"{name} has the shape {row.shape}; return {a.n} samples")
+        if not np.isfinite(row).all():
+            raise BadValue(f"{name} has values that are not finite, which hold nothing; return finite ones")
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
-        tol = OWN_TOL * top if stated is None else float(stated)
-        if not (np.isfinite(row).all() and 0 <= tol < math.inf):
-            raise BadValue(
-                f"{name} has values or a tolerance of {tol:g} that hold nothing; return finite ones, a tolerance from 0 on"
-            )
+        tol: Any = OWN_TOL * top if stated is None else stated
+        if not (isinstance(tol, Real) and 0 <= tol < math.inf):
+            raise BadValue(f"{name} has the tolerance {tol!r:.40}; return one finite number from 0 on for all samples")
         a.expect(name, row, tol)
         text = "the law that came with the scene"
         checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import public
 from . import fields
 from .graph import Block, reach, type_name
-from .parts import OWN
+from .parts import OWN, known
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -43,8 +43,12 @@ def definitions(scene: Scene) -> dict[str, dict[str, str]]:
 
 
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
-    """The hashes that a record states, and those that it must have: of its texts, for the modules of the scene's own blocks."""
-    needed = {module: _sha256(recorded[module]["text"] if module in recorded else "") for module in _own(scene)}
+    """The hashes that a record states, and those that it must have: of its texts, for the modules of the scene's own blocks.
+
+    The text of a law is there where the law was known to the program that wrote the record, which its reader need not know.
+    """
+    laws = {module for module in recorded if any(part.law.startswith(f"{module}.") for part in scene.parts)}
+    needed = {module: _sha256(recorded[module]["text"] if module in recorded else "") for module in {*_blocks(scene), *laws}}
     return {module: d["sha256"] for module, d in recorded.items()}, needed
 
 
@@ -60,10 +64,14 @@ def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
 
 def _own(scene: Any) -> dict[str, str]:
     """The text of each module that is not stimlib's: of blocks, of the classes that they derive from, and of laws."""
+    laws = sorted(part.law for part in scene.parts if known(part.law))
+    return {OWN[name][0].__module__: OWN[name][1] for name in laws} | _blocks(scene)
+
+
+def _blocks(scene: Any) -> dict[str, str]:
+    """The same of blocks and of the classes that they derive from."""
     kinds = {type_name(k): k for b in reach(scene.outputs.values()) for k in type(b).__mro__ if issubclass(k, Block)}
-    found = {kinds[name].__module__: kinds[name].source for name in sorted(kinds) if "." in name}
-    laws = sorted(part.law for part in scene.parts if part.law in OWN)
-    return {OWN[name][0].__module__: OWN[name][1] for name in laws} | found
+    return {kinds[name].__module__: kinds[name].source for name in sorted(kinds) if "." in name}
 
 
 def _sha256(text: str) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import inspect
 import os
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -101,18 +103,17 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     """The parts of a scene: none, one of a name or a function with what was given, or as they are."""
     if law is None or isinstance(law, str):
         if law is None and given:
-            raise BadValue(f"given = {given!r:.80} needs the law that it is for; give that as law=")
+            raise BadValue(f"given without a law: {given!r:.80} needs the law that it is for; give that as law=")
         return () if law is None else (Part(law, kept(given)),)
     if callable(law):
         name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
         if not name or "<lambda>" in name:
             raise BadValue(f"law = {law!r:.80} has no name that a file could keep; write it with def, and give numbers as given=")
-        whose = getattr(law, "__self__", None)
-        if ("<locals>" in name and getattr(law, "__closure__", None)) or (
-            hasattr(law, "__func__") and not isinstance(whose, type)
-        ):
+        bound = hasattr(law, "__func__") and not isinstance(getattr(law, "__self__", None), type)
+        if bound or inspect.isbuiltin(law) or getattr(law, "__closure__", None):
             raise BadValue(
-                f"law = {law!r:.80} uses values that no file keeps, of an object or of a function around it; give them as given="
+                f"law = {name} uses values of the function around it, or of an object, which no file keeps; write it at the "
+                "top of a module, and give numbers as given="
             )
         OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
         return (Part(name, kept({} if given is None else given)),)
@@ -124,11 +125,25 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
 def kept(given: Any) -> Any:
     """What was given, as JSON data; BadValue of what is no table, or is nested without end."""
     if not isinstance(given, Mapping | None):
-        raise BadValue(f"given = {given!r:.80} is no table; give values by their names")
+        raise BadValue(f"given = {given!r:.80} is no table; it must map names to values, such as given={{'at': 0.01}}")
     try:
         return plain(given)
     except RecursionError:
         raise BadValue("given: it is nested too deeply for a scene file; give tables and arrays of a few levels") from None
+
+
+def known(law: str) -> bool:
+    """Whether a law of a user's own can be called here: a scene was made with it, or its module is imported already.
+
+    A file is data and may come from anywhere, so the name in it stands for a law only: a function that its module defines
+    itself, with the first parameters ``x, p, fs``.
+    """
+    if law not in OWN:
+        module, _, name = law.rpartition(".")
+        f = getattr(sys.modules.get(module), name, None)
+        if inspect.isfunction(f) and f.__module__ == module and list(inspect.signature(f).parameters)[:3] == ["x", "p", "fs"]:
+            OWN[law] = f, source_of(f)
+    return law in OWN
 
 
 def plain(v: Any) -> Any:

@@ -178,7 +178,17 @@ class Scene:
         """
         if not parts or not all(isinstance(s, Scene) for s in parts.values()):
             raise SceneError("combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())")
-        one = {name: new for new, names in (share or {}).items() for name in names}
+        if share is not None and not isinstance(share, Mapping):
+            raise SceneError(f"share = {share!r:.80} must map new names to names, such as {{'x': ('edge_x', 'screen_x')}}")
+        one: dict[str, str] = {}
+        for joint, names in (share or {}).items():
+            if isinstance(names, str) or not isinstance(names, Sequence):
+                raise SceneError(
+                    f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as ('edge_x', 'screen_x')"
+                )
+            for name in names:
+                if one.setdefault(name, joint) != joint:
+                    raise SceneError(f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once")
         outputs: dict[str, Block] = {}
         laws: list[Part] = []
         seen: dict[str, tuple[str, Block]] = {}

@@ -4,6 +4,7 @@ import dataclasses
 import inspect
 import itertools
 import json
+import sys
 from contextlib import suppress
 
 import numpy as np
@@ -17,6 +18,7 @@ from stimlib.checks.evidence import Check, Evidence, asked, at_first, gather, ra
 from stimlib.checks.scenes import scene_law
 from stimlib.checks.session import verify_log
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
+from stimlib.devices.null import NullSink
 from stimlib.experiments.bounciness import bounciness
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.nodule_sizes import nodule_sizes
@@ -27,6 +29,7 @@ from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.experiments.ugrip import ugrip
+from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change
@@ -199,6 +202,17 @@ def test_inputs_are_joined_only_where_that_is_said():
             SceneError,
             "two noise sources have the key",
         ),
+        (
+            lambda: Scene.combine(a=SCENES["wall"], b=SCENES["wall"], share={"x": ("a_x",), "z": ("a_x", "b_x")}),
+            SceneError,
+            "share: 'a_x' would be 'x' and 'z'; name it once",
+        ),
+        (
+            lambda: Scene.combine(a=SCENES["wall"], b=SCENES["wall"], share={"x": "a_x"}),
+            SceneError,
+            "share: 'x' is 'a_x', and not names; ",
+        ),
+        (lambda: Scene.combine(a=SCENES["wall"], share=["a_x"]), SceneError, r"share = \['a_x'\] must map new names to names"),
         (lambda: SCENES["wall"].renamed(inputs={"y": "z"}), UnknownName, "no input 'y'; this scene has x"),
         (lambda: SCENES["soft_surface"].renamed(outputs={"x1": "y1"}), SceneError, "two outputs would be called 'y1'"),
     ],
@@ -265,11 +279,57 @@ def test_a_law_that_is_written_again_is_the_new_one():
     assert made == [False, True]
 
 
+def forget(patch):
+    """As in a process that has not imported this module."""
+    patch.delitem(OWN, f"{__name__}.slope", raising=False)
+    patch.delitem(sys.modules, __name__)
+
+
 def test_a_law_that_is_not_imported_is_said(monkeypatch):
     kept = again(lone())
-    monkeypatch.delitem(OWN, f"{__name__}.slope")
+    forget(monkeypatch)
     report = verified(kept, {"x": sinusoid(0.02, 3.0)})
-    assert f"the law '{__name__}.slope' is not known here: import what defines it first" in report.evidence.skipped
+    assert any(f"the law '{__name__}.slope' is not known here: import its module first" in s for s in report.evidence.skipped)
+
+
+def test_a_law_is_known_once_its_module_is_imported(monkeypatch):
+    kept, wrong, motion = again(lone()), again(lone(1.0001)), {"x": sinusoid(0.02, 3.0)}
+    monkeypatch.delitem(OWN, f"{__name__}.slope")  # imported, and no scene made
+    assert f"force: {__name__}.slope" in {c.name for c in verified(kept, motion).checks}
+    assert not verified(wrong, motion).passed
+
+
+@pytest.mark.parametrize("law", ["os.path.join", f"{__name__}.hands", f"{__name__}.sinusoid", f"{__name__}.FS"])
+def test_a_file_cannot_name_another_function_as_its_law(law):
+    report = verified(Scene({"y": 1 * Input("x")}, law, {}), {"x": sinusoid(0.02, 3.0)})
+    assert any("is not known here" in s for s in report.evidence.skipped)
+
+
+@pytest.mark.parametrize("written", [True, False])
+def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_path, written):
+    """Written where the law is known and verified where it is not, and the other way round."""
+    motion, kept = {"x": sinusoid(0.02, 3.0)}, again(lone())
+
+    def write():
+        stimlib.render(kept, motion, FS, 0.1).save(tmp_path / "a.wav", full_scale=10.0)
+        sink = NullSink(kept, 10.0, clocked=False, motion=motion, log=tmp_path / "log")
+        with sink:
+            sink.open(FS)
+            sink.start(seconds=0.1)
+            sink.wait()
+
+    def check():
+        log = read_log(tmp_path / "log")
+        return stimlib.verify(tmp_path / "a.wav").passed, replay(log).matches, verify_log(log).passed
+
+    with pytest.MonkeyPatch.context() as patch:
+        if not written:
+            forget(patch)
+        write()
+    with pytest.MonkeyPatch.context() as patch:
+        if written:
+            forget(patch)
+        assert check() == (True, True, True)
 
 
 def test_a_law_sees_a_parameter_as_it_was_ramped():
@@ -299,19 +359,77 @@ def raises(x, p, fs):
     return {"y": p["k"]}
 
 
+def divides(x, p, fs):
+    return {"y": x["x"] / (1 // 0)}
+
+
+def misspelt(x, p, fs):
+    return {"y": rows}  # noqa: F821
+
+
+def unwise(x, p, fs):
+    x["x"] *= 2.0
+    return {"y": x["x"]}
+
+
+def loose(x, p, fs):
+    return {"y": (x["x"], np.inf)}
+
+
+def negative(x, p, fs):
+    return {"y": (x["x"], -1e-9)}
+
+
+def by_sample(x, p, fs):
+    return {"y": (x["x"], np.full(x["x"].size, 1e-9))}
+
+
+def three(x, p, fs):
+    return {"y": (x["x"], 1e-9, 0.0)}
+
+
+def turned(x, p, fs):
+    return {"y": x["x"] + 0j}
+
+
 @pytest.mark.parametrize(
     ("law", "says"),
-    [(wrong_shape, r"y has the shape \(1199,\)"), (no_output, "the outputs z; return"), (raises, "KeyError: 'k'")],
+    [
+        (wrong_shape, r"y has the shape \(1199,\)"),
+        (no_output, "the outputs z; return"),
+        (raises, "KeyError: 'k'"),
+        (divides, "the law .*divides raises ZeroDivisionError"),
+        (misspelt, "the law .*misspelt raises NameError"),
+        (unwise, "the law .*unwise raises ValueError: .*read-only"),
+        (loose, "y has the tolerance inf; return one finite number"),
+        (negative, "y has the tolerance -1e-09; return one finite number"),
+        (by_sample, "y has the tolerance .*; return one finite number"),
+        (three, "y is a tuple of 3; return a row, or a row and its tolerance"),
+        (turned, "y has complex values; return real ones"),
+    ],
 )
 def test_a_law_that_fails_says_where(law, says):
     with pytest.raises(BadValue, match=says):
         verified(Scene({"y": 1 * Input("x")}, law=law), {"x": sinusoid(0.02, 3.0)})
 
 
+def bound(factor):
+    """A law that no file could keep: two of these would have one name."""
+
+    def law(x, p, fs):
+        return {"y": factor * x["x"]}
+
+    return law
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
         ({"law": lambda x, p, fs: {}}, "write it with def"),
+        ({"law": bound(2.0)}, "bound.<locals>.law.* uses values of the function around it.*given="),
+        ({"law": {}.get}, "of an object"),
+        ({"law": slope, "given": [0.01]}, "given = .* must be a dict"),
+        ({"given": {"at": 0.01}}, "given without a law"),
         ({"law": 3}, "law = 3 must be"),
         ({"law": slope, "given": {"at": object()}}, "cannot be kept in a scene file"),
         ({"law": slope, "given": {"at": Span}}, "cannot be kept in a scene file"),
@@ -608,11 +726,9 @@ def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
 
 # Laws that misbehave -----------------------------------------------------------------------------------------------------
 def writes(x, p, fs, *, values):
-    """Write into all that it is given."""
+    """Write into what was given."""
     values.append(1.0)
-    y = p["k"] * x["x"]
-    x["x"][:] = 0.0
-    return {"y": y}
+    return {"y": p["k"] * x["x"]}
 
 
 def divides(x, p, fs):
@@ -639,7 +755,7 @@ def test_a_law_that_writes_into_what_it_gets_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    ("law", "says"), [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "a tolerance of inf")]
+    ("law", "says"), [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "the tolerance inf")]
 )
 def test_a_law_that_fails_or_holds_nothing_is_an_error(law, says):
     with pytest.raises(BadValue, match=says):
@@ -662,7 +778,7 @@ def test_a_law_whose_values_no_file_keeps_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("law", "given", "says"), [(slope, [1], "no table"), (slope, 3, "no table"), (None, {"a": 1}, "needs the law")]
+    ("law", "given", "says"), [(slope, [1], "must be a dict"), (slope, 3, "must be a dict"), (None, {"a": 1}, "needs the law")]
 )
 def test_what_is_given_is_a_table_for_a_law(law, given, says):
     with pytest.raises(BadValue, match=says):
