@@ -55,9 +55,12 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
         named = {n: STARTS.get(part.law, {}).get(n, n) for n in known}
         begins = {n: a.given[key] for n, key in named.items() if key in a.given and part.inputs.get(n, n) in e.scene.params}
         return [*([a.begins(begins)] if begins else []), *law(a)]
-    except (KeyError, TypeError, ValueError, SceneError, BadValue) as error:
-        if part.law in OWN:
-            raise BadValue(f"the law {part.law} raises {type(error).__name__}: {error}") from error
+    except Exception as error:
+        if part.law in OWN:  # which may raise whatever a function can
+            raises = "" if isinstance(error, BadValue) else f" raises {type(error).__name__}"
+            raise BadValue(f"the law {part.law}{raises}: {error}") from error
+        if not isinstance(error, (KeyError, TypeError, ValueError, SceneError, BadValue)):
+            raise
         why = f"not what the law {part.law!r} is for ({error or type(error).__name__})"
         return [Check("d", f"{part.name}: shape of the scene" if part.name else "shape of the scene", 1, 0, why)]
 
@@ -68,10 +71,7 @@ def own_law(a: Asked) -> list[Check]:
     x = {name: row.view() for name, row in a.x.items()}
     for row in x.values():
         row.flags.writeable = False  # the law of another output, and the figures, have the same row
-    try:
-        wanted = OWN[a.part.law][0](x, p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
-    except Exception as error:  # whatever a function of the user's raises
-        raise BadValue(f"the law {a.part.law} raises {type(error).__name__}: {error}") from error
+    wanted = OWN[a.part.law][0](x, p, a.fs, **{n: v for n, v in a.given.items() if n not in p})
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
@@ -82,7 +82,7 @@ def own_law(a: Asked) -> list[Check]:
         given_row, stated = made if isinstance(made, tuple) else (made, None)
         if np.iscomplexobj(given_row):
             raise BadValue(f"{name} has complex values; return real ones")
-        if stated is not None and not (np.isscalar(stated) and np.isfinite(stated) and stated >= 0):
+        if stated is not None and not (isinstance(stated, (int, float, np.floating, np.integer)) and 0 <= stated < math.inf):
             raise BadValue(f"{name} has the tolerance {stated!r:.40}; return one finite number from 0 on for all samples")
         row = np.asarray(given_row, float)
         if row.shape != a.y[name].shape:

@@ -1,6 +1,7 @@
 """`mutate` says which wrong numbers the laws of a scene refuse, and what they miss."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -8,10 +9,11 @@ from checks.test_parts import SCENES, hands
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import BadValue, Input, Param, Scene, blocks, constant
 from stimlib.checks.mutate import CHANGES, mutate
 from stimlib.cli.app import app
 from stimlib.core.graph import signals
+from stimlib.motion.generators import sinusoid
 
 CHEAP = ["wall", "bumps", "viscoelastic", "detents"]
 
@@ -78,3 +80,26 @@ def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatc
     run = CliRunner().invoke(app, ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"])
     assert run.exit_code == 1 and "no law" in run.stdout
     assert stimlib.checks.mutate.mutate is mutate
+
+
+def twice(x, p, fs):
+    return {"y": 2.0 * p["k"] * x["x"]}
+
+
+def of_a_logarithm(x, p, fs):
+    return {"y": math.exp(math.log(p["k"][0])) * x["x"]}
+
+
+def test_a_scene_that_its_law_refuses_unchanged_is_an_error():
+    """Otherwise every change would count as refused."""
+    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=twice), {"x": sinusoid(0.02, 3.0)}
+    with pytest.raises(BadValue, match=r"the law refuses the scene as it is: \(d\) y: .*twice; correct"):
+        mutate(scene, motion, 1000, 0.2)
+    with pytest.raises(BadValue, match="the scene has a fault in this motion"):
+        mutate(Scene({"y": Param("k", 3.0) / Input("x")}, law=twice), {"x": np.zeros(200)}, 1000, 0.2)
+
+
+def test_a_law_that_raises_for_a_wrong_number_refuses_it():
+    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=of_a_logarithm), {"x": sinusoid(0.02, 3.0)}
+    found = {m.change: m for m in mutate(scene, motion, 1000, 0.2).mutants}
+    assert found["other sign"].outcome == "refused" and "of_a_logarithm raises ValueError" in found["other sign"].text
