@@ -17,7 +17,7 @@ from ..core.progress import progress
 from ..core.scene import Scene
 from ..errors import BadValue, StimlibError, shown
 from ..run.rendering import Rendering, render
-from .evidence import gather
+from .evidence import Check, gather
 from .scenes import scene_law
 
 CHANGES: dict[str, Callable[[float], float]] = {
@@ -119,7 +119,7 @@ def mutate(
     Raises
     ------
     BadValue, UnknownName
-        As of `render`; the scene's own laws refuse it as it is.
+        As of `render`; the law refuses the scene as it is, or raises.
 
     Examples
     --------
@@ -129,9 +129,11 @@ def mutate(
     >>> mutate(stimlib.scenes.wall(), {"x": sinusoid(2e-3, 5.0)}, seconds=0.2)
     Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law, 2 cannot be made)
     """
-    right = render(scene, motion, fs, seconds, params, seed)
-    if bad := [c for c in scene_law(gather(scene, motion, right)) if not c.passed]:
-        raise BadValue(f"the scene as it is is refused by ({bad[0].group}) {bad[0].name}; see what verify says of it first")
+    right = render(scene, motion, fs, seconds, params, seed, on_fault="ignore")
+    if right.fault is not None:
+        raise BadValue(f"the scene has a fault in this motion, {right.fault}; choose another motion")
+    if bad := [c for c in _held(scene, motion, right) if not c.passed]:
+        raise BadValue(f"the law refuses the scene as it is: ({bad[0].group}) {bad[0].name}; correct the law or the scene first")
     changed = list(_changed(scene))
     found = []
     with progress("changing numbers", len(changed), bar) as advance:
@@ -198,6 +200,11 @@ def _short(v: Any) -> str:
     return f"{v:.6g}" if not isinstance(v, list) else f"{np.size(v)} numbers"
 
 
+def _held(scene: Scene, motion: Mapping[str, Any], made: Rendering) -> list[Check]:
+    """What the laws of a scene say of a rendering."""
+    return [c for c in scene_law(gather(scene, motion, made)) if c.group in "cde"]
+
+
 def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Rendering, params: Any, seed: int) -> tuple[str, str]:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -216,8 +223,8 @@ def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Render
         if made.fault is not None:
             return REFUSED, "(e) no fault"
         try:
-            checks = [c for c in scene_law(gather(wrong, its, made)) if c.group in "cde"]
-        except BadValue as e:  # of a law that took the right number
+            checks = _held(wrong, its, made)
+        except BadValue as e:  # of the unchanged scene it raises none
             return REFUSED, str(e)
     bad = [c for c in checks if not c.passed]
     if bad:

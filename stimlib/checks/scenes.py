@@ -57,9 +57,10 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
         named = {n: STARTS.get(part.law, {}).get(n, n) for n in known}
         begins = {n: a.given[key] for n, key in named.items() if key in a.given and part.inputs.get(n, n) in e.scene.params}
         return [*([a.begins(begins)] if begins else []), *law(a)]
-    except Exception as error:  # whatever a law of a user's own raises, and what a file may say that nobody was asked for
+    except Exception as error:  # whatever a user's law raises, and what a file may say that nobody was asked for
         if part.law in OWN:
-            raise BadValue(f"the law {part.law} raises {type(error).__name__}: {error}") from error
+            raises = "" if isinstance(error, BadValue) else f" raises {type(error).__name__}"
+            raise BadValue(f"the law {part.law}{raises}: {error}") from error
         why = f"not what the law {part.law!r} is for ({error or type(error).__name__})"
         return [Check("d", f"{part.name}: shape of the scene" if part.name else "shape of the scene", 1, 0, why)]
 
@@ -69,11 +70,8 @@ def own_law(a: Asked) -> list[Check]:
     p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
     x = {own: row.view() for own, row in a.x.items()}
     for row in x.values():
-        row.flags.writeable = False  # the checks and figures have the same rows
-    try:
-        wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
-    except Exception as error:  # whatever a function of the user's raises
-        raise BadValue(f"the law {a.part.law} raises {type(error).__name__}: {error}") from error
+        row.flags.writeable = False  # the law of another output, and the figures, have the same row
+    wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
     if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
         got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
         raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
@@ -90,9 +88,10 @@ def own_law(a: Asked) -> list[Check]:
         if not np.isfinite(row).all():
             raise BadValue(f"{name} has values that are not finite, which hold nothing; return finite ones")
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
-        tol: Any = OWN_TOL * top if stated is None else stated
-        if not (isinstance(tol, Real) and 0 <= tol < math.inf):
-            raise BadValue(f"{name} has the tolerance {tol!r:.40}; return one finite number from 0 on for all samples")
+        limit: Any = OWN_TOL * top if stated is None else stated
+        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
+            raise BadValue(f"{name} has the tolerance {limit!r:.40}; return one finite number from 0 on for all samples")
+        tol = float(limit)
         a.expect(name, row, tol)
         text = "the law that came with the scene"
         checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text))

@@ -1,6 +1,7 @@
 """`mutate` says which wrong numbers the laws of a scene refuse, and what they miss."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from checks.test_parts import SCENES, hands
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import BadValue, Input, Param, Scene, blocks, constant
 from stimlib.checks.mutate import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
 from stimlib.cli.app import app
 from stimlib.core.graph import signals
@@ -138,5 +139,28 @@ def test_a_law_that_cannot_take_a_wrong_number_refuses_it_and_one_that_refuses_t
     found = mutate(right, motion, 1000, 0.1)
     assert ("parameter k", "other sign", "refused") in {(m.where, m.change, m.outcome) for m in found.mutants}
     wrong = Scene({"y": 2.0 * abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
-    with pytest.raises(stimlib.BadValue, match="as it is is refused"):
+    with pytest.raises(stimlib.BadValue, match="the law refuses the scene as it is"):
         mutate(wrong, motion, 1000, 0.1)
+
+
+def twice(x, p, fs):
+    return {"y": 2.0 * p["k"] * x["x"]}
+
+
+def of_a_logarithm(x, p, fs):
+    return {"y": math.exp(math.log(p["k"][0])) * x["x"]}
+
+
+def test_a_scene_that_its_law_refuses_unchanged_is_an_error():
+    """Otherwise every change would count as refused."""
+    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=twice), {"x": sinusoid(0.02, 3.0)}
+    with pytest.raises(BadValue, match=r"the law refuses the scene as it is: \(d\) y: .*twice; correct"):
+        mutate(scene, motion, 1000, 0.2)
+    with pytest.raises(BadValue, match="the scene has a fault in this motion"):
+        mutate(Scene({"y": Param("k", 3.0) / Input("x")}, law=twice), {"x": np.zeros(200)}, 1000, 0.2)
+
+
+def test_a_law_that_raises_for_a_wrong_number_refuses_it():
+    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=of_a_logarithm), {"x": sinusoid(0.02, 3.0)}
+    found = {m.change: m for m in mutate(scene, motion, 1000, 0.2).mutants}
+    assert found["other sign"].outcome == "refused" and "of_a_logarithm raises ValueError" in found["other sign"].text
