@@ -67,11 +67,10 @@ class Part:
             raise SceneFileError(f"{where}: {e}") from None
         return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
 
-    def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str], prefix: str = "") -> Part:
+    def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Part:
         """The part under the new names of all inputs and parameters, and of all outputs, of its scene."""
         return dc.replace(
             self,
-            name="_".join(filter(None, (prefix, self.name))),
             inputs={own: inputs[name] for own, name in (self.inputs or {n: n for n in inputs}).items()},
             outputs={own: outputs[name] for own, name in (self.outputs or {n: n for n in outputs}).items()},
         )

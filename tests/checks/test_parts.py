@@ -10,9 +10,10 @@ from laws import STRESS
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, SceneFileError, UnknownName, blocks, constant
-from stimlib.checks.evidence import Check, asked, at_first, ramped
+from stimlib.checks import scenes
+from stimlib.checks.evidence import Check, asked, at_first, gather, ramped
 from stimlib.checks.session import verify_log
-from stimlib.core.parts import OWN, Span
+from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.present import present, program
 from stimlib.experiments.questions import choice
@@ -54,6 +55,54 @@ def test_a_scene_keeps_what_it_was_asked_for(name):
     kept = again(SCENES[name])
     assert kept.hash == SCENES[name].hash and [p.law for p in kept.parts] == [name] and kept.parts[0].given
     assert verified(kept, hands(name)).passed
+
+
+LIFTS = {"contact": lambda t: 1.0 * (np.sin(90 * t) > -0.3)}
+PUSHED = {"x1": lambda t: 0.06 * np.minimum(10 * t, 1.0) ** 2}
+SQUEEZED = {"fingers": 1, "motor_constant": 10.0}
+LIMITS = [  # arguments, motion, output, how much larger it is than it should be, and which check says so
+    ("squeeze", {"fingers": 1}, PUSHED, "force1", 2e-14, "mean part is k x"),
+    ("squeeze", {"fingers": 1}, PUSHED, "force1", 1e-11, "vibration law"),
+    ("squeeze", SQUEEZED, PUSHED, "current1", 2e-8, "I = F/(n B Gamma)"),
+    ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 2e-14, "springpot of these numbers"),
+    ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 3e-9, "full sum over the history"),
+    ("bumps", {}, None, "voltage", 2e-6, "envelope times carrier"),
+    ("texture", {}, None, "acceleration", 2e-7, "the models' recursion"),
+    ("grating", {}, None, "force", 1e-10, "gratings and roughness of the place"),
+    *((name, {}, None, output, 2e-6, "written again") for name, output in (
+        ("click", "force"), ("detents", "torque"), ("friction", "force"), ("wall", "force"), ("impact", "force"),
+    )),
+    ("soft_surface", {}, None, "force", 2e-12, "eq. (2)"),
+    ("soft_surface", {}, None, "depth1", 2e-10, "f/k"),
+    ("soft_surface", {"mode": "multipoint"}, None, "depth3", 2e-10, "f/k"),
+    ("soft_surface", {"mode": "multipoint"}, None, "y2", 2e-12, "of a triangle"),
+    ("soft_surface", {"mode": "multipoint"}, None, "x3", 2e-12, "of a triangle"),
+    ("soft_surface", {}, None, "y1", 2e-9, "the hand of some time ago"),
+    ("soft_surface", {"mode": "cursor", "device": "mouse"}, None, "x1", 1e-10, "steps of the reversible cursor"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "words", "motion", "output", "part", "says"), LIMITS, ids=lambda v: v if type(v) is str else "")
+def test_an_output_that_is_off_by_little_more_than_its_tolerance_is_refused(name, words, motion, output, part, says):
+    scene = SHIPPED[name](**words)
+    motion = {n: (motion or hands(name))[n] for n in scene.inputs}
+    e = gather(scene, motion, stimlib.render(scene, motion, FS, 0.3))
+    a = asked(e, scene.parts[0])
+    assert all(c.passed for c in scenes.SCENES[name](a))
+    larger = dataclasses.replace(a, y=a.y | {output: (1 + part) * a.y[output]})
+    bad = [c.name for c in scenes.SCENES[name](larger) if not c.passed]
+    assert any(n.startswith(output) and says in n for n in bad), bad
+
+
+@pytest.mark.parametrize("name", ["viscoelastic", "bumps"])
+def test_the_least_output_off_contact_is_refused(name):
+    scene, motion = SHIPPED[name](contact=True), hands(name) | LIFTS
+    e = gather(scene, motion, stimlib.render(scene, motion, FS, 0.3))
+    a = asked(e, scene.parts[0])
+    ((output, row),) = a.y.items()
+    row = np.where(a.contact == 0, 1e-300, row)
+    bad = [c.name for c in scenes.SCENES[name](dataclasses.replace(a, y={output: row})) if not c.passed]
+    assert bad == [f"{output}: none off contact"]
 
 
 # Combinations ------------------------------------------------------------------------------------------------------------
@@ -189,6 +238,17 @@ def test_what_was_given_by_the_name_of_a_parameter_is_where_it_begins():
         assert [c.name for c in verified(scene, motion, params={"k": 150.0}).checks if not c.passed] == bad
 
 
+def test_a_law_that_is_written_again_is_the_new_one():
+    made = []
+    for factor in (1.0, 2.0):
+
+        def law(x, p, fs, factor=factor):
+            return {"y": factor * x["x"]}
+
+        made.append(verified(Scene({"y": 2.0 * Input("x")}, law=law), {"x": sinusoid(0.02, 3.0)}).passed)
+    assert made == [False, True]
+
+
 def test_a_law_that_is_not_imported_is_said(monkeypatch):
     kept = again(lone())
     monkeypatch.delitem(OWN, f"{__name__}.slope")
@@ -238,6 +298,8 @@ def test_a_law_that_fails_says_where(law, says):
         ({"law": lambda x, p, fs: {}}, "write it with def"),
         ({"law": 3}, "law = 3 must be a name, or a function"),
         ({"law": slope, "given": {"at": object()}}, "cannot be kept in a scene file"),
+        ({"law": slope, "given": {"at": Span}}, "cannot be kept in a scene file"),
+        ({"law": slope, "given": {"at": Part}}, "cannot be kept in a scene file"),
         ({"law": slope, "given": {"at": float("nan")}}, "cannot be kept in a scene file"),
     ],
 )
@@ -266,6 +328,11 @@ def test_a_scene_file_with_a_wrong_law_is_refused(change, says):
     change(data["law"][0])
     with pytest.raises(SceneFileError, match=says):
         Scene.from_dict(data)
+
+
+def test_what_was_asked_for_is_kept_as_it_is():
+    assert parts_of("wall", None)[0].given is None and parts_of("wall", {})[0].given == {}
+    assert plain({"seed": 2**64 - 1, 1: (np.float32(0.5), True)}) == {"seed": 2**64 - 1, "1": [0.5, True]}
 
 
 def test_an_interval_with_any_seed_comes_back_from_a_file():

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import stimlib
 from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.places import Grating, SpatialNoise
-from stimlib.checks import laws, surfaces
+from stimlib.checks import laws, scenes, surfaces
 from stimlib.checks.evidence import asked
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
@@ -216,3 +217,31 @@ def test_motor_limits_are_checked_from_the_samples():
     assert r.passed, str(r)
     measured = {c.name: c.measured for c in r.checks}
     assert 90.0 < measured["force1: peak limit"] <= 100.0 and 1200.0 < measured["force1: static limit"] <= 37.0**2
+
+
+def test_a_force_is_held_to_its_limits_to_the_last_bit():
+    """100 N either way, and a mean square over 10 s of 37^2 N^2, which 100 N reaches after 1.4715 s."""
+    scene = stimlib.scenes.squeeze(fingers=1, limits=True)
+    force = np.full(11_800, 100.0)
+    for y, bad in (
+        (force[:11_771], []),
+        (force, ["force1: static limit"]),
+        (np.nextafter(force[:9], 101.0), ["force1: peak limit"]),
+        (-np.nextafter(force[:9], 101.0), ["force1: peak limit"]),
+    ):
+        e = SimpleNamespace(scene=scene, fs=8000.0, y=[y])
+        assert [c.name for c in scenes.motor_limits(e) if not c.passed] == bad
+
+
+def test_the_static_limit_of_a_law_is_the_papers():
+    """It lets all through up to 0.81 of the mean square that a motor bears, then less, and nothing above it."""
+    fs, force = 8000.0, np.full(60_000, 90.0)
+    kept, mean = np.empty(force.size), 0.0
+    for n in range(force.size):
+        kept[n] = min(1.0, (37.0**2 - mean) / (0.19 * 37.0**2)) * force[n]
+        mean += (kept[n] ** 2 - mean) * -np.expm1(-1 / (10.0 * fs))
+    assert kept[0] == 90.0 and kept[-1] < 40.0
+    np.testing.assert_allclose(scenes._held(force, kept, fs), kept, rtol=1e-9)
+    np.testing.assert_allclose(
+        scenes._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs), [100, -100, 99]
+    )
