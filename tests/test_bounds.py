@@ -17,6 +17,8 @@ def test_a_limit_says_its_name_and_what_is_enough():
     mine.check("scene_bytes", 100, "a.json: bytes")
     with pytest.raises(SceneFileError, match=r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02"):
         mine.check("scene_bytes", 101, "a.json: bytes", SceneFileError)
+    with pytest.raises(BadValue, match="set STIMLIB_LIMITS=scene_bytes=inf"):
+        mine.check("scene_bytes", float("inf"), "a.json: bytes")
     mine.scene_bytes = float("1.1e+02")
     mine.check("scene_bytes", 101, "a.json: bytes")
 

@@ -93,6 +93,8 @@ def first(data, name):
     [
         (lambda d: d.update(stimlib_scene=99), ["99", "update"]),
         (lambda d: d.update(stimlib_scene="1"), ["version"]),
+        (lambda d: d.update(stimlib_scene=True), ["version"]),
+        (lambda d: d.update(law=3), ["law must be a name"]),
         (lambda d: first(d, "Velocity").update({"class": "Teleport"}), ["Teleport", "not known", "update"]),
         (lambda d: first(d, "Velocity").update({"class": "lab.blocks.Mine"}), ["lab.blocks.Mine", "import lab.blocks"]),
         (lambda d: first(d, "Velocity")["fields"].pop("cutoff"), ["Velocity", "cutoff"]),

@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.checks.mutate import CHANGES, mutate
+from stimlib.checks.mutate import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
 from stimlib.cli.app import app
 from stimlib.core.graph import signals
+from stimlib.motion.generators import sinusoid
 
 CHEAP = ["wall", "bumps", "viscoelastic", "detents"]
 
@@ -68,6 +69,51 @@ def test_what_a_law_misses_is_said_with_the_reason():
     assert any(change == "1.01 times" and "of its limit" in text for _, change, text in outcomes["within tolerance"])
     assert any("z" in text for *_, text in outcomes["no law"])
     assert of["parameter k", "1.25 times"][0] == "within tolerance" or of["parameter k", "1.25 times"][0] == "refused"
+
+
+def two(x, p, fs):
+    """Two outputs, each to its own tolerance; nothing of a third."""
+    return {"y": (x["x"], 0.1), "z": (2 * x["x"], 0.4)}
+
+
+def test_each_outcome_of_a_mutant():
+    """Of scenes in the place of the right one, which is rendered with the same numbers."""
+    x, k, noise = Input("x"), Param("k", 2.0), blocks.white_noise(1)
+    motion, params = {"x": sinusoid(1.0, 20.0, 2.0)}, {"k": 3.0}
+
+    def scene(**changed):
+        return Scene({"y": 1.0 * x, "z": 2.0 * x, "w": k * noise} | changed, law=two)
+
+    right = stimlib.render(scene(), motion, 1000, 0.1, params, 5)
+    for changed, outcome, text in (
+        ({}, "equal samples", ""),
+        ({"y": x + 0.05, "z": 2.0 * x + 0.36}, "within tolerance", f"(d) z: {__name__}.two: 0.9 of its limit"),
+        ({"y": x + 0.09, "z": 2.0 * x + 0.04}, "within tolerance", f"(d) y: {__name__}.two: 0.9 of its limit"),
+        ({"z": 2.0 * x + 0.41}, "refused", f"(d) z: {__name__}.two"),
+        ({"w": k * noise * 1.5}, "no law", "of w"),
+        ({"w": x / (k - 3.0)}, "refused", "(e) no fault"),
+        ({"v": 1.0 * x}, "refused", "its outputs are others"),
+        ({"y": 1.0 * Input("u")}, "refused", "its inputs are others"),
+    ):
+        assert _outcome(lambda changed=changed: scene(**changed), motion, right, params, 5) == (outcome, text)
+    outcome, text = _outcome(lambda: scene(y=1.0 * Input("a b")), motion, right, params, 5)
+    assert outcome == "cannot be made" and "name" in text
+    for what in ("refused", "equal samples", "within tolerance", "no law", "cannot be made"):
+        assert Mutations([Mutant("", "", "", "refused"), Mutant("", "", "", what)]).passed is (what[0] not in "wn")
+
+
+def test_an_output_off_contact_alone_refuses_a_mutant():
+    right, motion = stimlib.scenes.bumps(contact=True), {"x": sinusoid(0.02, 20.0), "contact": lambda t: 1.0 * (t > 0.05)}
+    wrong = Scene({"voltage": blocks.where(Input("contact"), right.outputs["voltage"], constant(1e-300, "V"))}, right.parts)
+    rendering = stimlib.render(right, motion, 4000, 0.1)
+    assert _outcome(lambda: wrong, motion, rendering, None, 0) == ("refused", "(e) voltage: none off contact")
+
+
+def test_the_changes_of_a_number_and_of_many():
+    assert [f(4.0) for f in CHANGES.values()] == [4.04, 5.0, -4.0, 0.0, 1.0]
+    assert [_applied(4, f) for f in CHANGES.values()] == [5, 5, -4, 0, 1] and _applied(1, CHANGES["1"]) == 2
+    assert _applied([4.0, [2.0, -1.0]], CHANGES["other sign"]) == [-4.0, [-2.0, 1.0]]
+    assert _numbers([1, [2.0]]) and not any(map(_numbers, (True, [], "1", None, [1.0, True])))
 
 
 def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatch):

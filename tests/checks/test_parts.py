@@ -72,6 +72,7 @@ LIMITS = [  # arguments, motion, output, how much larger it is than it should be
     *((name, {}, None, output, 2e-6, "written again") for name, output in (
         ("click", "force"), ("detents", "torque"), ("friction", "force"), ("wall", "force"), ("impact", "force"),
     )),
+    ("wall", {"k": 1e-6, "b": 0.0}, None, "force", 2e-6, "written again"),  # of 2e-9 N
     ("soft_surface", {}, None, "force", 2e-12, "eq. (2)"),
     ("soft_surface", {}, None, "depth1", 2e-10, "f/k"),
     ("soft_surface", {"mode": "multipoint"}, None, "depth3", 2e-10, "f/k"),
@@ -177,6 +178,11 @@ def test_inputs_are_joined_only_where_that_is_said():
             lambda: Scene.combine(a=Scene({"b_y": 2 * Input("b_x")}), a_b=Scene({"y": 3 * Input("x")})),
             SceneError,
             "'a_b_x' would be b_x of a.*and x of a_b",
+        ),
+        (
+            lambda: Scene.combine(a=Scene({"b_y": 2 * Input("u")}), a_b=Scene({"y": 3 * Input("v")})),
+            SceneError,
+            "two parts would have the output 'a_b_y'; give a_b another name",
         ),
         (
             lambda: Scene.combine(a=stimlib.scenes.squeeze(), b=stimlib.scenes.squeeze()),
@@ -335,6 +341,17 @@ def test_what_was_asked_for_is_kept_as_it_is():
     assert plain({"seed": 2**64 - 1, 1: (np.float32(0.5), True)}) == {"seed": 2**64 - 1, "1": [0.5, True]}
 
 
+def test_a_scene_is_the_same_in_whatever_order_it_was_asked_for():
+    outputs = {"y": 1.0 * Input("x")}
+    assert Scene(outputs, "wall", {"at": 0.0, "k": 1.0}).hash == Scene(outputs, "wall", {"k": 1.0, "at": 0.0}).hash
+
+
+def test_a_scene_of_an_older_file_keeps_the_laws_that_it_is_combined_with():
+    old = Scene(SCENES["wall"].outputs, "wall")
+    both = again(Scene.combine(a=old, b=SCENES["wall"]))
+    assert [(p.name, p.law, p.given is None) for p in both.parts] == [("a", "wall", True), ("b", "wall", False)]
+
+
 def test_an_interval_with_any_seed_comes_back_from_a_file():
     (part,) = SCENES["wall"].parts
     for seed in (None, 0, 2**64 - 1):
@@ -383,6 +400,15 @@ def test_a_wrong_interval_is_refused(ramp):
         report = verified(Scene(scene.outputs, [first, part]), motion, 0.55, params=params, seed=3)
         bad = [c.name for c in report.checks if not c.passed]
         assert bad and all("from 0.282" in n for n in bad), bad
+
+
+def test_each_interval_has_all_laws_of_its_scene_and_its_own_seed():
+    _, _, scene, _ = trial_of(Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]))
+    told = [(p.law, p.name, p.span.start, p.span.seed) for p in scene.parts]
+    assert told == [
+        (law, f"interval_{i}", start, seed) for i, start, seed in ((1, 0.032, None), (2, 0.282, 5)) for law in ("wall", "detents")
+    ]
+    assert trial_of(scene)[2].parts == ()  # of a trial within a trial no law knows the time
 
 
 def test_a_law_sees_its_own_interval_alone():

@@ -55,6 +55,14 @@ def test_bumps_are_proved(waveform, duty):
         assert ("rms of the line spectrum" in str(r)) == (motion.__class__.__name__ == "constant_speed")
 
 
+def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
+    r = report(bumps(), {"x": constant_speed(0.03, 0.1)})
+    a = asked(r.evidence, r.evidence.scene.parts[0])
+    for factor, refused in ((1.0, False), (1.02, True)):
+        checks = scenes.SCENES["bumps"](dc.replace(a, y={"voltage": factor * a.y["voltage"]}))
+        assert any("rms of the line spectrum" in c.name for c in checks if not c.passed) is refused
+
+
 def test_nothing_is_shown_at_amplitude_zero_and_the_report_says_so():
     r = report(bumps(amplitude=0.0), {"x": constant_speed(0.02, 0.1)}, seconds=1.0)
     assert r.passed and np.abs(r.evidence.y).max() == 0

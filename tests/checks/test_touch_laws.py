@@ -80,6 +80,22 @@ def test_the_laws_are_the_blocks_formulas_by_another_route():
     force, pressed = touch.button(x, np.ones(6), 2.0, 0.5, 1e-3, 0.8e-3)
     np.testing.assert_allclose(force, [0, 0.5, 1.5, 2.0, 1.4, 1.1], atol=1e-12)
     assert pressed.tolist() == [False, False, True, True, True, False]
+    x, contact = np.array([0.0, 1.0, 0.8, 0.79, 1.0, 0.9, 0.9, 0.9]) * 1e-3, np.array([1, 1, 1, 1, 1, 1, 0, 1.0])
+    _, pressed = touch.button(x, contact, 2.0, 0.5, 1e-3, 0.8e-3)
+    assert pressed.tolist() == [False, True, True, False, True, True, False, False]
+
+
+def test_springs_that_drag_follow_their_limits():
+    """A limit that falls takes the force along; a held spring keeps it, and one that was never moved has none."""
+    x, on = np.array([0.0, 3.0, 3.0, 3.0, 3.0]), np.ones(5)
+    np.testing.assert_allclose(touch.coulomb(x, on, 1.0, np.array([2, 2, 2, 1, 1.0])), [0, 4 / 3, 2, 1, 1])
+    np.testing.assert_array_equal(touch.stick_slip(0 * x, on, 1.0, np.full(5, 0.5), 0.5, np.full(5, 0.5)), 0 * x)
+
+
+def test_an_impact_while_the_velocity_still_falls_is_silent():
+    x = np.r_[np.full(50, 5e-3), -1e-6, np.full(100, 1e-6)]
+    r = stimlib.verify(impact(), {"x": x}, stimlib.render(impact(), {"x": x}, 2000))
+    assert r.passed and "1 impacts of up to 0 m/s" in "; ".join(r.evidence.numbers), str(r)
 
 
 SIZES = {"click": 3e-3, "detents": 3.0, "friction": 0.03, "wall": 5e-3, "impact": 5e-3}  # of a hand

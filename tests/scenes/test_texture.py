@@ -1,5 +1,7 @@
 """The scene of a measured texture, held against its law; and the law against the block at its edges."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ import stimlib
 from stimlib import BadValue, Input, Scene
 from stimlib.blocks import save_texture, texture
 from stimlib.blocks.texture import Texture
-from stimlib.checks import laws
+from stimlib.checks import laws, scenes
+from stimlib.checks.evidence import asked
 from stimlib.checks.verify import verify
 from stimlib.design.texture import TextureModel, made_up
 from stimlib.motion.generators import constant_speed, sinusoid
@@ -30,6 +33,10 @@ def test_a_steady_stroke_has_the_spectrum_of_its_place():
     steady = {"x": constant_speed(0.1, 9.0), "force": sinusoid(0.0, 1.0, mean=1.2)}
     r = report(stimlib.scenes.texture(MODEL), steady, 1000, 8.0)
     assert r.passed and any("acceleration: spectrum" in c.name for c in r.checks), str(r)
+    a = asked(r.evidence, r.evidence.scene.parts[0])
+    for factor, refused in ((1.0, False), (1.2, True)):
+        checks = scenes.SCENES["texture"](dc.replace(a, y={"acceleration": factor * a.y["acceleration"]}))
+        assert any("acceleration: spectrum" in c.name for c in checks if not c.passed) is refused
 
 
 @pytest.mark.parametrize("field", ["gain", "lsf", "per_force", "rows"])
