@@ -206,10 +206,23 @@ def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):
         "force: none off contact"
     ]
     honest = surfaces.octaves
-    monkeypatch.setattr(surfaces, "octaves", lambda *a: (o := honest(*a))._replace(power=1.2 * o.power))
-    assert "force: octaves of the roughness" in {
-        c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
-    }
+    for factor in (1.2, 0.8):
+        monkeypatch.setattr(surfaces, "octaves", lambda *a, f=factor: (o := honest(*a))._replace(power=f * o.power))
+        assert "force: octaves of the roughness" in {
+            c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
+        }
+
+
+def test_one_sample_of_a_surface_with_a_seed_of_its_own_is_seen():
+    scene = grating(seed=7)
+    r = report(scene, {"x": sinusoid(0.05, 1.0)}, 0.1, params={"roughness": 0.1})
+    assert r.passed
+    a = asked(r.evidence, scene.parts[0])
+    for n in (1, 317, 798):
+        row = a.y["force"].copy()
+        row[n] += 1e-8
+        (bad,) = [c.name for c in surfaces.grating(dc.replace(a, y={"force": row})) if not c.passed]
+        assert bad == "force: gratings and roughness of the place"
 
 
 @pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"])

@@ -131,6 +131,11 @@ def run(scene, x, y, press):
     return proc.process(np.array([rows[name] for name in proc.inputs]))
 
 
+def test_a_pen_pressed_beyond_its_range_pushes_as_at_its_end():
+    r = proved(soft_surface("deformation", S=HARD), MOTION | {"press": 1.0 + 0.3 * np.sin(8 * T)})
+    assert r.passed and r.evidence.y[-1].max() == pytest.approx(0.1008 * np.exp(4.2081)), str(r)
+
+
 def test_a_mouse_pushes_as_it_is_told():
     proc = stimlib.compile(soft_surface("deformation", "mouse", push=2.0), FS)
     proc.set("push", 1.0, ramp=0.0)

@@ -38,6 +38,14 @@ def test_the_law_sees_another_voltage_and_another_plate():
         assert not report(changed, constant_speed(0.1, 0.1)).passed
 
 
+def test_a_carrier_beside_the_resonance_is_refused():
+    data = touch_screen(model=GLASS).to_dict()
+    (freq,) = (b["fields"] for b in data["blocks"] if b["fields"].get("name") == "freq")
+    freq["value"] *= 1.000001
+    (bad,) = [c.name for c in report(Scene.from_dict(data), constant_speed(0.1, 0.1)).checks if not c.passed]
+    assert bad == "parameters: as they were asked for"
+
+
 def test_the_displacement_is_the_same_everywhere_and_the_swap_keeps_the_bumps():
     depth = {}
     for swap in (1.0, 4.0):
