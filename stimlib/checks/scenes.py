@@ -89,7 +89,7 @@ def own_law(a: Asked) -> list[Check]:
             raise BadValue(f"{name} has values that are not finite, which hold nothing; return finite ones")
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
         limit: Any = OWN_TOL * top if stated is None else stated
-        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
+        if not (isinstance(limit, Real) and 0 <= float(limit) < math.inf):
             raise BadValue(f"{name} has the tolerance {limit!r:.40}; return one finite number from 0 on for all samples")
         tol = float(limit)
         a.expect(name, row, tol)

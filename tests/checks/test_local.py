@@ -107,6 +107,17 @@ def test_what_begins_before_sample_0_is_held_from_there_on(monkeypatch):
         assert local._one(block, run, [part._replace(rows={**part.rows, id(block): row})]).error > 1
 
 
+def test_pink_noise_that_starts_from_another_state_is_refused():
+    run = local.Run(Scene({"y": b.pink_noise(1.0, 3)}), FS, 3, {}, 300, {}, [], [(0, 300)])
+    found, (part,) = local._held(run)
+    (pink,) = (h.block for h in found if type(h.block).__name__ == "PinkNoise")
+    row = part.rows[id(pink)]
+    decay = pink.design(FS)[0].p.max() ** np.arange(row.size)
+    for size, refused in ((0.0, False), (0.1, True)):
+        changed = part._replace(rows={**part.rows, id(pink): row + size * np.abs(row).max() * decay})
+        assert (local._one(pink, run, [changed]).error > 1) is refused
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_random_compositions_are_not_refused(seed):
     """The short form of ``tests/stress/compositions.py``."""
