@@ -150,7 +150,7 @@ def mutate_(
     from ..checks.mutate import mutate
 
     made = scene_of(scene)
-    motion, length = motions(made, ("minimum_jerk",), touching(scene))
+    motion, length = motions(made, ("minimum_jerk()",), touching(scene))
     found = mutate(made, motion, fs, min(seconds, length or seconds), params_of(params), seed)
     if json_:
         print_json(found.to_dict())

@@ -164,3 +164,8 @@ def test_a_law_that_raises_for_a_wrong_number_refuses_it():
     scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=of_a_logarithm), {"x": sinusoid(0.02, 3.0)}
     found = {m.change: m for m in mutate(scene, motion, 1000, 0.2).mutants}
     assert found["other sign"].outcome == "refused" and "of_a_logarithm raises ValueError" in found["other sign"].text
+
+
+def test_the_command_needs_no_motion():
+    run = CliRunner().invoke(app, ["mutate", "wall", "--seconds", "0.1", "--json"])
+    assert run.exit_code == 0 and json.loads(run.stdout)["count"]["refused"] > 10
