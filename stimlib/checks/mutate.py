@@ -150,23 +150,20 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
     if len(scene.parts) == 1 and (make := SHIPPED.get(scene.parts[0].law)) and not scene.parts[0].inputs:
         given = dict(scene.parts[0].given or {})
         for name, v in given.items():
-            for change, f in CHANGES.items():
-                if _numbers(v) and not isinstance(v, list) and (new := _applied(v, f)) != v:
-                    more = {n: g for n, g in given.items() if not isinstance(g, (dict, list))} | {name: new}
-                    yield f"argument {name}", _short(v), change, partial(_asked, make, more, scene.parts)
+            for change, new in _changes(v) if not isinstance(v, list) else ():
+                more = {n: g for n, g in given.items() if not isinstance(g, (dict, list))} | {name: new}
+                yield f"argument {name}", _short(v), change, partial(_asked, make, more, scene.parts)
     data = scene.to_dict()
     for i, block in enumerate(data["blocks"]):
         for field, v in block["fields"].items():
-            if field in _references(scene, block["class"]) or not _numbers(v):
+            if field in _references(scene, block["class"]):
                 continue
             name = block["fields"].get("name")
             where = f"parameter {name}" if block["class"] == "Param" else f"{block['class']} {i}: {field}"
-            for change, f in CHANGES.items():
-                new = _applied(v, f)
-                if new != v:
-                    other = copy.deepcopy(data)
-                    other["blocks"][i]["fields"][field] = new
-                    yield where, _short(v), change, partial(Scene.from_dict, other)
+            for change, new in _changes(v):
+                other = copy.deepcopy(data)
+                other["blocks"][i]["fields"][field] = new
+                yield where, _short(v), change, partial(Scene.from_dict, other)
 
 
 def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:
@@ -185,6 +182,15 @@ def _numbers(v: Any) -> bool:
     if isinstance(v, list):
         return bool(v) and all(map(_numbers, v))
     return isinstance(v, (int, float)) and not isinstance(v, bool)
+
+
+def _changes(v: Any) -> Iterator[tuple[str, Any]]:
+    """The changes of a number or a list, each value once; nothing of what is none."""
+    done = [v]
+    for change, f in CHANGES.items() if _numbers(v) else ():
+        if (new := _applied(v, f)) not in done:
+            done.append(new)
+            yield change, new
 
 
 def _applied(v: Any, f: Callable[[float], float]) -> Any:
