@@ -660,7 +660,8 @@ def _svf(b, fs, x, y):
 @law("Texture")
 def _texture(b, fs, x, y):
     want = laws.texture(b.model, x[1], x[2], x[0], round(fs / b.rate))
-    return near(want, 1e-7)
+    most = float(np.max(b.model.gain * np.sqrt(b.model.variance)))  # of which the roundings are, also where it rests
+    return want, 1e-7 * max(float(np.abs(want).max(initial=0.0)), most)
 
 
 # Orders --------------------------------------------------------------------------------------------------------------------
