@@ -325,7 +325,7 @@ def _check_noise_objects(roots: Sequence[Block]) -> None:
             if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
                 raise SceneError(
                     f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be one and the same noise; "
-                    f"give one another stream (stream={key[1] + 1}), or shared=True to both if that is meant"
+                    f"give one another seed (seed={key[0] + 1}) or stream, or shared=True to both if that is meant"
                 )
 
 
