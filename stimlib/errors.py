@@ -212,7 +212,7 @@ def _checked(f: Any, name: str) -> Any:
                 or ("scene" in signature.parameters and "blocks" in PUBLIC.get(makers[0], ""))
                 or ".py:" in str(e.args[0])  # it begins with the place of an author's code
             ):
-                said = rest if PUBLIC.get(first, "").startswith("stimlib.run") else e.args[0]  # which call each other
+                said = rest if ".run." in PUBLIC.get(first, "") else e.args[0]  # which call each other
                 e.args = (f"{name}: {said}", *e.args[1:])  # of a block in a scene the function that made it is named
             raise
 
